@@ -1,0 +1,480 @@
+"""What passes between components: the data, the records for the logs, and one Protocol per kind.
+
+Shapes, units and frames are stated here and only here.
+
+* metres, radians, nanoseconds (int64) everywhere; images are uint8, grey ``(H, W)`` or RGB ``(H, W, 3)``.
+* world frame: z up. Camera frame: +z up along the mirror axis.
+* image of an omnidirectional camera: u runs right, v runs down; image right is the camera's +x, image up is +y, so the
+  azimuth of a pixel, counter-clockwise from +x as seen from above, is ``atan2(cy - v, u - cx)``. A sensor whose
+  pictures are mirrored or turned puts that right before it hands them over.
+* heading: the angle from the world's +x to the camera's +x, counter-clockwise.
+* ``T_world_camera`` takes points of the camera frame to the world frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar, Protocol, TypeVar, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = [
+    "Answers",
+    "Camera",
+    "Circle",
+    "Descriptor",
+    "Distance",
+    "DistanceField",
+    "Estimate",
+    "Estimates",
+    "Frames",
+    "GridPoses",
+    "Image",
+    "Layout",
+    "Localizer",
+    "Match",
+    "Mesh",
+    "Metric",
+    "Panel",
+    "Parts",
+    "PathPoses",
+    "PlaceMap",
+    "Places",
+    "Plan",
+    "Pose",
+    "Progress",
+    "RandomPoses",
+    "Record",
+    "RecordedPoses",
+    "Recorder",
+    "Report",
+    "Sensor",
+    "Series",
+    "Signature",
+    "Signatures",
+    "Sink",
+    "Study",
+    "Text",
+    "Tick",
+    "ViewLayout",
+]
+
+Floats = npt.NDArray[np.floating[Any]]
+Ints = npt.NDArray[np.integer[Any]]
+Bytes = npt.NDArray[np.uint8]
+T = TypeVar("T")
+
+
+# ---------------------------------------------------------------------------------------------- what a sensor is asked
+@dataclass(frozen=True)
+class GridPoses:
+    """A regular grid of positions with one heading (0). Give `step_m`, or `every` n-th row and column of a recording."""
+
+    step_m: float | None = None
+    every: int | None = None
+    extent_m: tuple[float, float] | None = None  # x and y, around the world's origin; None: all the sensor covers
+    height_m: float | None = None  # of the viewpoint above the floor; None: the sensor's own
+
+
+@dataclass(frozen=True)
+class RandomPoses:
+    """`count` positions drawn uniformly, with headings drawn uniformly or from the multiples of `heading_step_rad`."""
+
+    count: int
+    seed: int
+    heading_step_rad: float | None = None  # None: any heading
+    extent_m: tuple[float, float] | None = None
+    height_m: float | None = None
+
+
+@dataclass(frozen=True)
+class PathPoses:
+    """Given poses in a given order: `T_world_camera` (N, 4, 4)."""
+
+    T_world_camera: Floats
+
+
+@dataclass(frozen=True)
+class RecordedPoses:
+    """All that was recorded, less what another layout takes of it."""
+
+    without: GridPoses | None = None
+
+
+Layout = GridPoses | RandomPoses | PathPoses | RecordedPoses
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a sensor will deliver for a layout: N frames in this order. No image is made or read yet."""
+
+    keys: Sequence[str]  # (N,) what names each image's content: file, or digest of world, camera and pose
+    T_world_camera: Floats | None  # (N, 4, 4) float64, None where the recording has no positions
+    omitted: Sequence[str] = ()  # one entry per pose or file left out, with its reason
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    def at(self, indices: Iterable[int]) -> Plan:
+        """The same plan, reduced to some of its frames, in the order given."""
+        chosen = [int(i) for i in indices]
+        poses = None if self.T_world_camera is None else self.T_world_camera[chosen]
+        return Plan([self.keys[i] for i in chosen], poses)
+
+
+# --------------------------------------------------------------------------------------------------------- data
+@dataclass(frozen=True)
+class Circle:
+    """The ring of an omnidirectional image that shows the world, in pixels (pixel centres are at whole numbers)."""
+
+    cx: float
+    cy: float
+    radius: float
+    inner: float = 0.0  # inside it the camera sees itself
+
+
+@runtime_checkable
+class Camera(Protocol):
+    """Where an omnidirectional image looks."""
+
+    @property
+    def width(self) -> int: ...
+    @property
+    def height(self) -> int: ...
+    @property
+    def circle(self) -> Circle: ...
+    def unwrap(self, azimuth_rad: Floats, level: Floats) -> Floats:
+        """Pixels (..., 2) as (u, v) of a panorama's points: level 0 is its bottom edge and 1 its top.
+
+        A calibrated camera spaces levels evenly in elevation, an uncalibrated one evenly in radius.
+        """
+
+
+@dataclass(frozen=True)
+class Frames:
+    """A batch of N images of one camera."""
+
+    images: Bytes  # (N, H, W) or (N, H, W, 3)
+    keys: Sequence[str]  # (N,)
+    stamps_ns: Ints  # (N,) int64, the sensor's clock
+    camera: Camera
+    T_world_camera: Floats | None = None  # (N, 4, 4)
+    omitted: Sequence[str] = ()  # frames of the plan that could not be delivered here, each with its reason
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+
+@dataclass(frozen=True)
+class Signatures:
+    """N described images. `place` says where, `heading` (where it is an array of its own) says which way."""
+
+    place: Floats  # (N, ...) float32
+    heading: Floats | None = None  # (N, ...) float32
+
+    def __len__(self) -> int:
+        return len(self.place)
+
+    def __getitem__(self, which: slice | Ints) -> Signatures:
+        return Signatures(self.place[which], None if self.heading is None else self.heading[which])
+
+    @property
+    def nbytes(self) -> int:
+        return int(self.place.nbytes + (0 if self.heading is None else self.heading.nbytes))
+
+
+@dataclass(frozen=True)
+class Places:
+    """The map: P described images, with their poses where these are known."""
+
+    signatures: Signatures
+    T_world_camera: Floats | None  # (P, 4, 4)
+    keys: Sequence[str]
+
+    def __len__(self) -> int:
+        return len(self.signatures)
+
+
+@dataclass(frozen=True)
+class Match:
+    """Q queries against P places."""
+
+    distance: Floats  # (Q, P) float32, smaller is more alike
+    rotation_rad: Floats | None = None  # (Q, P) float32: query heading - place heading
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """What a localizer answers to Q queries."""
+
+    place: Ints  # (Q,) index of the best place
+    distance: Floats  # (Q,) to that place
+    position_m: Floats  # (Q, 3) world
+    heading_rad: Floats | None = None  # (Q,)
+    field: Floats | None = None  # (Q, P) all distances, where they were computed
+
+
+# --------------------------------------------------------------------------------------------------------- records
+@dataclass(frozen=True)
+class Tick:
+    """When a record belongs: the study's step and the sensor's time. The run's own clock is the sink's business."""
+
+    step: int
+    stamp_ns: int
+
+
+@dataclass(frozen=True)
+class Image:
+    """A picture. The recorder fills in `encoded` once for all sinks."""
+
+    pixels: Bytes  # (H, W) or (H, W, 3)
+    format: str = "jpeg"  # or "png", lossless
+    encoded: bytes = b""
+
+
+@dataclass(frozen=True)
+class Signature:
+    """A described image laid out as a matrix (rows, columns), float32."""
+
+    values: Floats
+
+
+@dataclass(frozen=True)
+class PlaceMap:
+    """The places of a map: positions (P, 3) and headings (P,)."""
+
+    position_m: Floats
+    heading_rad: Floats | None = None
+
+
+@dataclass(frozen=True)
+class DistanceField:
+    """The distance of one query to every place: positions (P, 3), values (P,)."""
+
+    position_m: Floats
+    values: Floats
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One query: where it was taken and what was answered, positions (3,), headings in radians."""
+
+    truth_m: Floats
+    answer_m: Floats
+    verdict: str  # "nearest", "second" or "wrong"
+    truth_heading_rad: float = 0.0
+    answer_heading_rad: float | None = None
+
+
+@dataclass(frozen=True)
+class Answers:
+    """All queries of a study at a glance: truth (Q, 3), answer (Q, 3), verdicts (Q,)."""
+
+    truth_m: Floats
+    answer_m: Floats
+    verdict: Sequence[str]
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where the camera is: `T_world_camera` (4, 4)."""
+
+    T_world_camera: Floats
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """The world's surface: vertices (V, 3) in metres, triangles (T, 3), one RGB colour per vertex (V, 3) uint8."""
+
+    vertices_m: Floats
+    triangles: Ints
+    colors: Bytes
+
+
+@dataclass(frozen=True)
+class Series:
+    """A stretch of one curve: values (n,) at the study's steps (n,) and the sensor's times (n,)."""
+
+    values: Floats
+    steps: Ints
+    stamps_ns: Ints
+    unit: str
+
+
+@dataclass(frozen=True)
+class Text:
+    """A line of the run's log, or a document in Markdown."""
+
+    text: str
+    level: str = "INFO"  # INFO, WARN, ERROR
+    markdown: bool = False
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a stage has come: `done` of `total` items (0: not known)."""
+
+    stage: str
+    done: int
+    total: int
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One view of a layout. `kind`: map (3-D), image, plot, text or log; `contents`: paths of the records it shows."""
+
+    kind: str
+    title: str
+    contents: Sequence[str]
+
+
+@dataclass(frozen=True)
+class ViewLayout:
+    """How a run should look in a viewer: columns of panels, from left to right, each from top to bottom."""
+
+    columns: Sequence[Sequence[Panel]]
+    widths: Sequence[float] = ()
+
+
+Record = (
+    Image
+    | Signature
+    | PlaceMap
+    | DistanceField
+    | Estimate
+    | Answers
+    | Pose
+    | Mesh
+    | Series
+    | Text
+    | Progress
+    | ViewLayout
+)
+
+
+# --------------------------------------------------------------------------------------------------------- results
+@dataclass(frozen=True)
+class Metric:
+    """One measured figure. Nothing in it may depend on the clock."""
+
+    name: str
+    value: float
+    unit: str  # "1" for ratios and counts
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a study found. The first three metrics are the ones that tables of runs show."""
+
+    metrics: Sequence[Metric]
+    tables: Mapping[str, Mapping[str, Sequence[Any] | npt.NDArray[Any]]] = field(default_factory=dict)
+    figures: Mapping[str, Any] = field(default_factory=dict)  # matplotlib figures, by file name without ending
+
+
+class Recorder(Protocol):
+    """What a study gets to tell the world how it goes."""
+
+    def log(self, path: str, record: Record, tick: Tick | None = None) -> None:
+        """Hand one record to every sink. Without a tick it holds for the whole run."""
+
+    def track(self, items: Iterable[T], stage: str, total: int, size: Any = len) -> Iterator[T]:
+        """Pass `items` on, telling the sinks after each how far the stage is (`size` of an item counts its parts)."""
+
+    def timed(self, stage: str, count: int = 1) -> AbstractContextManager[None]:
+        """Measure the wall time of a stage over `count` items; the sums land in the run's cost table."""
+
+
+# --------------------------------------------------------------------------------------------------------- kinds
+@runtime_checkable
+class Sensor(Protocol):
+    """Images of the world. Virtual ones image any pose; recorded ones say which of theirs a layout takes."""
+
+    def plan(self, layout: Layout) -> Plan:
+        """Which frames the sensor has for a layout; DataError in one sentence if it has none."""
+
+    def frames(self, plan: Plan) -> Iterator[Frames]:
+        """The planned frames, batch by batch, in the plan's order."""
+
+    def scene(self) -> Mesh | None:
+        """What the viewer shows of the world around the poses, where it is known."""
+
+
+@runtime_checkable
+class Descriptor(Protocol):
+    """Turns images into signatures. Declares three things about itself as class attributes."""
+
+    view: ClassVar[str]  # the picture it wants: "mirror" (square, as taken) or "panorama" (columns counter-clockwise)
+    color: ClassVar[bool]  # RGB (True) or grey
+    turned: ClassVar[
+        str
+    ]  # what a turn of the camera does to it: "shifts" the last axis, nothing ("same"), or "changes"
+    default_distance: ClassVar[str]  # the distance it is compared with where none is named
+
+    def describe(self, images: Bytes) -> Signatures:
+        """Signatures of images (N, H, W) or, with `color`, (N, H, W, 3)."""
+
+
+@runtime_checkable
+class Distance(Protocol):
+    """Compares signatures and, where it can, tells the rotation between them."""
+
+    def prepare(self, places: Signatures) -> Any:
+        """What can be computed once per map. `match` takes it as `index`."""
+
+    def match(self, queries: Signatures, index: Any) -> Match:
+        """Every query against every place."""
+
+
+@runtime_checkable
+class Localizer(Protocol):
+    """Answers where a query was taken."""
+
+    def prepare(self, places: Places, distance: Distance) -> Any:
+        """The map made ready. `locate` takes it as `index`."""
+
+    def locate(self, queries: Signatures, index: Any) -> Estimates:
+        """Where each query was taken."""
+
+
+@runtime_checkable
+class Study(Protocol):
+    """Drives components and measures. `needs` names the parts without which it cannot run."""
+
+    needs: ClassVar[tuple[str, ...]]
+
+    def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
+        """Do the work; log on the way; return what was found."""
+
+
+@runtime_checkable
+class Sink(Protocol):
+    """Writes records in its own format. A sink skips the kinds of record it has no form for."""
+
+    def open(self, folder: Path) -> None:
+        """Start writing into the run folder."""
+
+    def write(self, path: str, record: Record, tick: Tick | None) -> None:
+        """Take one record."""
+
+    def flush(self) -> None:
+        """Make sure that what was taken survives the death of the process. Called every second."""
+
+    def close(self) -> None:
+        """Complete the files."""
+
+    def repair(self, folder: Path) -> str | None:
+        """Mend this sink's file of a run that was killed: what was done in a sentence, None if nothing was amiss."""
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The components a study may use. The runner checks that those it needs are there."""
+
+    sensor: Sensor = None  # type: ignore[assignment]
+    descriptor: Descriptor = None  # type: ignore[assignment]
+    distance: Distance = None  # type: ignore[assignment]
+    localizer: Localizer = None  # type: ignore[assignment]

@@ -1,0 +1,54 @@
+"""Angles and rigid motions. `T_a_b` takes points of frame b to frame a."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.floating[Any]]
+
+
+def wrap_angle(angle_rad: npt.ArrayLike) -> Floats:
+    """The same angles in [-pi, pi)."""
+    return np.mod(np.asarray(angle_rad, float) + np.pi, 2 * np.pi) - np.pi
+
+
+def planar_poses(position_m: npt.ArrayLike, heading_rad: npt.ArrayLike = 0.0) -> Floats:
+    """`T_world_camera` (N, 4, 4) of upright cameras at positions (N, 3) that are turned by headings (N,) about +z."""
+    position_m = np.atleast_2d(np.asarray(position_m, float))
+    heading = np.broadcast_to(np.asarray(heading_rad, float), len(position_m))
+    c, s = np.cos(heading), np.sin(heading)
+    T = np.tile(np.eye(4), (len(position_m), 1, 1))
+    T[:, 0, 0], T[:, 0, 1] = c, -s
+    T[:, 1, 0], T[:, 1, 1] = s, c
+    T[:, :3, 3] = position_m
+    return T
+
+
+def heading_of(T_world_camera: Floats) -> Floats:
+    """Headings (...,) of poses (..., 4, 4): the angle from the world's +x to the camera's +x about +z, in radians."""
+    return np.arctan2(T_world_camera[..., 1, 0], T_world_camera[..., 0, 0])
+
+
+def quaternion_xyzw(T: Floats) -> Floats:
+    """Unit quaternions (..., 4), order x, y, z, w with w >= 0, of the rotations in T (..., 4, 4) or (..., 3, 3).
+
+    Each of the four components is computed from the diagonal and the largest decides the signs (Shepperd, 1978).
+    """
+    R = np.asarray(T, float)[..., :3, :3]
+    m00, m11, m22 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
+    # fmt: off
+    K = np.stack([
+        np.stack([1 + m00 - m11 - m22, R[..., 1, 0] + R[..., 0, 1], R[..., 0, 2] + R[..., 2, 0], R[..., 2, 1] - R[..., 1, 2]], -1),
+        np.stack([R[..., 1, 0] + R[..., 0, 1], 1 - m00 + m11 - m22, R[..., 2, 1] + R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0]], -1),
+        np.stack([R[..., 0, 2] + R[..., 2, 0], R[..., 2, 1] + R[..., 1, 2], 1 - m00 - m11 + m22, R[..., 1, 0] - R[..., 0, 1]], -1),
+        np.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1], 1 + m00 + m11 + m22], -1),
+    ], -2)
+    # fmt: on
+    # every row of K is the quaternion times 4 q_i: the row of the largest component is the best conditioned
+    best = np.argmax(np.diagonal(K, axis1=-2, axis2=-1), axis=-1)
+    q = np.take_along_axis(K, best[..., None, None], axis=-2)[..., 0, :]
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return np.where(q[..., 3:] < 0, -q, q)
