@@ -1,0 +1,180 @@
+"""A folder of omnidirectional images with a CSV of positions, as a sensor."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from omnilab.api import Bytes, Frames, Layout, Mesh, Plan
+from omnilab.errors import ConfigError, DataError
+from omnilab.geometry import planar_poses
+from omnilab_recordings.images import decode, read_bytes
+from omnilab_recordings.optics import Optics, check_circle, circle_of, most_common_size, off_ring, unseen_in
+from omnilab_recordings.recording import POSITIONS_FILE, Recording, open_recording
+
+Floats = npt.NDArray[np.floating[Any]]
+Ints = npt.NDArray[np.integer[Any]]
+R = TypeVar("R")
+
+SAMPLE = 16  # images that tell the size and the circle of all
+AHEAD = 16  # images that are read before they are asked for
+
+
+class OnBadImage(Enum):
+    """What becomes of a file that cannot be read, is no whole image, or has another size than the others."""
+
+    fail = "fail"
+    skip = "skip"  # left out, and told in `Frames.omitted`
+
+
+@dataclass(frozen=True)
+class _Shot:
+    index: int  # in the plan
+    key: str
+    picture: Bytes
+
+
+@dataclass
+class Folder:
+    """A folder of omnidirectional images and a CSV that says where each was taken (format: README of the plugin).
+
+    Grids take the recorded columns and rows (`every`, `step_m`), and `RecordedPoses(without=...)` the other images;
+    there are no other poses. Without positions there is only `RecordedPoses()`.
+
+    `mirrored` pictures are flipped left to right first of all. Then `turned_deg` is the azimuth in the picture of the
+    direction that `yaw_deg` speaks of (the robot's front, say). Nothing is resampled: image right looks to
+    `yaw_deg - turned_deg`, and that is the heading of the pose. Keys are `file@digest` of the content and of the
+    settings that change the pixels.
+    """
+
+    path: str = "???"  # of the folder
+    positions: str | None = POSITIONS_FILE  # below the folder; null: there are none
+    pattern: str = "**/*"  # which images below the folder belong to the recording
+    circle_px: list[float] | None = None  # cx, cy, radius and, if need be, inner radius in the files; null: found
+    sky_inside: bool = False  # the horizon is crossed inwards: the sky is at the centre
+    blank_outside: bool = False  # set what lies off the circle's ring to 0
+    mask: str | None = None  # image of the same size, below the folder: where it is dark, all images are set to 0
+    mirrored: bool = False  # azimuth runs clockwise in the files
+    turned_deg: float = 0.0  # azimuth in the picture, once flipped, of the direction that yaw_deg speaks of
+    color: bool = False  # RGB instead of grey
+    on_bad_image: OnBadImage = OnBadImage.fail  # or skip
+    batch: int = 64  # images handed over at a time
+
+    def __post_init__(self) -> None:
+        if self.batch < 1:
+            raise ConfigError(f"batch={self.batch} is no number of images; give 1 or more")
+        if not math.isfinite(self.turned_deg):
+            raise ConfigError(f"turned_deg={self.turned_deg} is no angle; give degrees")
+        if self.circle_px is not None:
+            check_circle(self.circle_px)
+
+    def plan(self, layout: Layout) -> Plan:
+        """The images that a layout takes, in the order of the positions file (without one: of their names)."""
+        rows = self._recording.rows(layout)
+        return Plan([self._recording.images[row] for row in rows], self._poses(rows))
+
+    def frames(self, plan: Plan) -> Iterator[Frames]:
+        """The planned images, `batch` at a time; DataError if none of them can be read."""
+        shots: list[_Shot] = []
+        omitted: list[str] = []
+        for shot in self._shots(plan.keys):
+            if isinstance(shot, str):
+                omitted.append(shot)
+                continue
+            if len(shots) == self.batch:
+                yield self._packed(plan, shots, omitted)
+                shots, omitted = [], []
+            shots.append(shot)
+        if shots:
+            yield self._packed(plan, shots, omitted)
+        elif omitted:
+            raise DataError(f"none of the {len(plan)} images can be read, and {omitted[0]}; replace the files")
+
+    def scene(self) -> Mesh | None:
+        """None: nothing is known of the world but its images."""
+        return None
+
+    def _poses(self, rows: Ints) -> Floats | None:
+        positions = self._recording.positions
+        if positions is None:
+            return None
+        return planar_poses(positions.position_m[rows], positions.heading_rad[rows] - math.radians(self.turned_deg))
+
+    def _shots(self, names: Sequence[str]) -> Iterator[_Shot | str]:
+        """Each image, or why it is left out."""
+        read = partial(_read, Path(self.path), self._optics)
+        with ThreadPoolExecutor(2) as pool:
+            for index, reading in enumerate(_ahead(pool, read, names)):
+                try:
+                    yield _Shot(index, *reading.result())
+                except DataError as error:
+                    yield self._left_out(error)
+
+    def _left_out(self, error: DataError) -> str:
+        if self.on_bad_image is OnBadImage.skip:
+            return str(error)
+        raise DataError(f"{error}; replace it, or leave such files out with sensor.on_bad_image=skip") from error
+
+    def _packed(self, plan: Plan, shots: Sequence[_Shot], omitted: Sequence[str]) -> Frames:
+        chosen = plan.at(shot.index for shot in shots)
+        return Frames(
+            images=np.stack([shot.picture for shot in shots]),
+            keys=[shot.key for shot in shots],
+            stamps_ns=self._recording.stamps_ns(chosen.keys),
+            camera=self._optics.camera(self.sky_inside),
+            T_world_camera=chosen.T_world_camera,
+            omitted=omitted,
+        )
+
+    @cached_property
+    def _recording(self) -> Recording:
+        return open_recording(Path(self.path), self.positions, self.pattern, [self.mask] if self.mask else [])
+
+    @cached_property
+    def _optics(self) -> Optics:
+        sample = most_common_size(self._sample())
+        circle = circle_of(self.circle_px, sample)
+        shape = sample[0].shape
+        unseen = np.zeros(shape, bool) if self.mask is None else unseen_in(Path(self.path), self.mask, shape)
+        if self.blank_outside:
+            unseen |= off_ring(circle, shape)
+        return Optics(circle, unseen, self.mirrored, self.color)
+
+    def _sample(self) -> list[Bytes]:
+        """Some images from all over the recording, in grey."""
+        names = self._recording.images
+        sample = []
+        for at in np.unique(np.linspace(0, len(names) - 1, SAMPLE).astype(int)):
+            try:
+                sample.append(decode(read_bytes(Path(self.path), names[at]), names[at]))
+            except DataError as error:
+                self._left_out(error)
+        if not sample:
+            raise DataError(f"of the folder {self.path} none of the images looked at can be read; replace the files")
+        return sample
+
+
+def _read(folder: Path, optics: Optics, name: str) -> tuple[str, Bytes]:
+    """Key and picture of an image file."""
+    data = read_bytes(folder, name)
+    return optics.key(name, data), optics.picture(decode(data, name, optics.color), name)
+
+
+def _ahead(pool: ThreadPoolExecutor, call: Callable[[str], R], items: Iterable[str]) -> Iterator[Future[R]]:
+    """The calls of all items in their order, a few of them started before they are asked for."""
+    started: deque[Future[R]] = deque()
+    for item in items:
+        started.append(pool.submit(call, item))
+        if len(started) > AHEAD:
+            yield started.popleft()
+    yield from started

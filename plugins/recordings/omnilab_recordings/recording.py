@@ -1,0 +1,130 @@
+"""What a folder holds: its images and, where a positions file tells them, their poses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from omnilab.api import GridPoses, Layout, PathPoses, RecordedPoses
+from omnilab.errors import DataError
+from omnilab_recordings.grid import Grid, find_grid, on_grid
+from omnilab_recordings.images import SUFFIXES, image_names
+from omnilab_recordings.positions import Positions, read_positions
+
+Ints = npt.NDArray[np.integer[Any]]
+Bools = npt.NDArray[np.bool_]
+
+POSITIONS_FILE = "positions.csv"
+STAMP_STEP_NS = 100_000_000  # between images of a recording that tells no time
+SHOWN = 3  # names in a message
+
+
+@dataclass(frozen=True)
+class Recording:
+    """N images below a folder, in the order of the positions file or, without one, of their names."""
+
+    folder: Path
+    images: Sequence[str]  # (N,)
+    positions: Positions | None
+
+    def rows(self, layout: Layout) -> Ints:
+        """Which of the images a layout takes; DataError that says what there is."""
+        if isinstance(layout, RecordedPoses):
+            taken = np.ones(len(self.images), bool) if layout.without is None else ~self._on_grid(layout.without)
+        elif isinstance(layout, GridPoses):
+            taken = self._on_grid(layout)
+        else:
+            wanted = "on a given path" if isinstance(layout, PathPoses) else "at random poses"
+            raise DataError(f"{self}, and none {wanted}; {self._remedy}")
+        if not taken.any():
+            raise DataError(f"{self}, and none that {layout} asks for; {self._remedy}")
+        return np.flatnonzero(taken)
+
+    def stamps_ns(self, names: Iterable[str]) -> Ints:
+        """When images were taken (n,), int64: as recorded or, where that is not known, ten a second."""
+        rows = np.array([self._row[name] for name in names], np.int64)
+        recorded = None if self.positions is None else self.positions.stamps_ns
+        return rows * STAMP_STEP_NS if recorded is None else recorded[rows]
+
+    @cached_property
+    def _row(self) -> dict[str, int]:
+        return {name: row for row, name in enumerate(self.images)}
+
+    def _on_grid(self, layout: GridPoses) -> Bools:
+        if self.positions is None or self.grid is None:
+            raise DataError(f"{self}, so no grid can be taken from it; {self._remedy}")
+        return on_grid(layout, self.grid, self.positions.position_m)
+
+    @cached_property
+    def grid(self) -> Grid | None:
+        """The grid that the positions form, if they do."""
+        return None if self.positions is None else find_grid(self.positions)
+
+    @property
+    def _remedy(self) -> str:
+        if self.positions is None:
+            return f"ask for all that was recorded, or write a {POSITIONS_FILE}"
+        if self.grid is None:
+            return "ask for all that was recorded, or add the columns ix and iy (the place in the grid)"
+        return "ask for a grid of its rows and columns, or for what was recorded beside it, e.g. study.queries=rest"
+
+    def __str__(self) -> str:
+        where = "without positions"
+        if self.positions is not None:
+            where = "at positions that form no grid" if self.grid is None else f"on a {self.grid}"
+        return f"the folder {self.folder} holds {len(self.images)} images {where}"
+
+
+def open_recording(folder: Path, positions: str | None, pattern: str, not_images: Iterable[str] = ()) -> Recording:
+    """List the images of a folder and read its positions file.
+
+    DataError unless the positions file names the images that lie beside those it names, and no others.
+    """
+    if not folder.is_dir():
+        raise DataError(f"the folder {folder} does not exist; give sensor.path=DIR, a folder of images")
+    aside = {(folder / name).resolve() for name in not_images}
+    found = [name for name in image_names(folder, pattern) if (folder / name).resolve() not in aside]
+    if not found:
+        endings = " ".join(sorted(SUFFIXES))
+        raise DataError(f"the folder {folder} holds no image that matches {pattern} ({endings}); give sensor.path=DIR")
+    known = _positions_of(folder, positions)
+    if known is None:
+        return Recording(folder, found, None)
+    beside = {str(PurePosixPath(name).parent) for name in known.images}
+    found = [name for name in found if str(PurePosixPath(name).parent) in beside]
+    _check_same(folder / str(positions), known.images, found)
+    return Recording(folder, known.images, known)
+
+
+def _positions_of(folder: Path, positions: str | None) -> Positions | None:
+    if positions is None:
+        return None
+    if (folder / positions).is_file():
+        return read_positions(folder / positions)
+    if positions == POSITIONS_FILE:  # nobody asked for it
+        return None
+    raise DataError(f"the positions file {folder / positions} does not exist; give sensor.positions=FILE or null")
+
+
+def _check_same(file: Path, named: Sequence[str], found: Sequence[str]) -> None:
+    absent = sorted(set(named) - set(found))
+    unnamed = sorted(set(found) - set(named))
+    problems = []
+    if absent:
+        problems.append(f"names {len(absent)} images that are not there ({_first(absent)})")
+    if unnamed:
+        problems.append(f"does not name {len(unnamed)} that are ({_first(unnamed)})")
+    if problems:
+        raise DataError(
+            f"{file} {' and '.join(problems)}; mend its rows, or narrow sensor.pattern to the images it names"
+        )
+
+
+def _first(names: Sequence[str]) -> str:
+    return ", ".join(names[:SHOWN]) + (", ..." if len(names) > SHOWN else "")
