@@ -168,7 +168,7 @@ def panorama(images: Bytes, camera: Camera, shape: tuple[int, int] = PANORAMA_SH
     """Panoramas (N, rows, columns[, 3]): up is up, column j looks to azimuth 2 pi j / columns (counter-clockwise)."""
     import cv2
 
-    map_u, map_v = _panorama_map(camera, shape)
+    map_u, map_v = _panorama_map(camera, shape)  # type: ignore[arg-type]  # cameras are frozen dataclasses
     unwrapped = [cv2.remap(image, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for image in images]
     return np.stack(unwrapped).astype(np.uint8, copy=False)
 

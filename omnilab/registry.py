@@ -1,0 +1,224 @@
+"""Finds plugins, checks what they register, and puts it into Hydra's ConfigStore.
+
+Plugins are loaded one by one, each with a manager of its own: a broken one becomes a `Failure` and never stops the
+others. The environment variable ``OMNILAB_PLUGINS`` is a comma-separated list: a path ``file.py`` loads that file
+besides the installed plugins, ``-name`` leaves an installed plugin out, ``none`` leaves them all out.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import importlib.util
+import os
+import re
+import sys
+import traceback
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, entry_points, requires
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pluggy
+from hydra.core.config_store import ConfigStore
+
+from omnilab import api, hooks
+from omnilab.errors import ConfigError, PluginError
+
+KINDS: dict[str, type[Any]] = {
+    "sensor": api.Sensor,
+    "descriptor": api.Descriptor,
+    "distance": api.Distance,
+    "localizer": api.Localizer,
+    "study": api.Study,
+    "sink": api.Sink,
+}
+HOOKS = {kind: f"register_{kind}s" if kind != "study" else "register_studies" for kind in KINDS}
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """Where components come from."""
+
+    name: str
+    distribution: str
+    version: str
+    load: Callable[[], ModuleType] = field(compare=False)
+
+    @property
+    def title(self) -> str:
+        return f"plugin '{self.name}' ({self.distribution} {self.version})".replace(" )", ")")
+
+
+@dataclass(frozen=True)
+class Component:
+    """One registered class."""
+
+    kind: str
+    name: str
+    cls: type[Any]
+    plugin: Plugin
+
+    @property
+    def summary(self) -> str:
+        """The first line of the manual."""
+        return str(self.cls.__doc__).strip().partition("\n")[0]
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A plugin that could not be used, and why."""
+
+    plugin: Plugin
+    error: Exception
+
+    @property
+    def sentence(self) -> str:
+        cause = f"{type(self.error).__name__}: {self.error}" if not isinstance(self.error, PluginError) else self.error
+        return f"{self.plugin.title} not loaded: {cause}"
+
+    @property
+    def traceback(self) -> str:
+        return "".join(traceback.format_exception(self.error))
+
+
+@dataclass
+class Registry:
+    """All components there are, and the plugins that failed."""
+
+    components: dict[tuple[str, str], Component] = field(default_factory=dict)
+    failures: list[Failure] = field(default_factory=list)
+
+    def names(self, kind: str) -> list[str]:
+        return sorted(name for k, name in self.components if k == kind)
+
+    def get(self, kind: str, name: str) -> Component:
+        """The component of that kind and name; ConfigError with a suggestion if there is none."""
+        if found := self.components.get((kind, name)):
+            return found
+        raise ConfigError(self.missing(kind, name))
+
+    def missing(self, kind: str, name: str) -> str:
+        """The sentence about a name that does not exist."""
+        names = self.names(kind)
+        close = difflib.get_close_matches(name, names, n=1)
+        sentence = f"{kind} '{name}' does not exist; there is {', '.join(names) or 'none'}"
+        if close:
+            sentence += f" (did you mean {kind}={close[0]}?)"
+        if self.failures:
+            sentence += f"; {len(self.failures)} plugin(s) failed to load, see: omnilab plugins -v"
+        return sentence
+
+    def of(self, instance: Any) -> Component | None:
+        """Under which name an instance's class is registered."""
+        return next((c for c in self.components.values() if c.cls is type(instance)), None)
+
+
+def discover(select: str | None = None) -> Registry:
+    """Load every plugin, register what is sound, and store it for Hydra."""
+    chosen = os.environ.get("OMNILAB_PLUGINS", "") if select is None else select
+    registry = Registry()
+    for plugin in _plugins([word.strip() for word in chosen.split(",") if word.strip()]):
+        try:
+            components = _load(plugin)
+            for component in components:
+                _check_free(component, registry)
+            for component in components:
+                _store(component)
+        except Exception as error:  # noqa: BLE001  whatever a plugin does wrong must not stop the others
+            registry.failures.append(Failure(plugin, error))
+        else:
+            registry.components.update({(c.kind, c.name): c for c in components})
+    return registry
+
+
+def _plugins(chosen: list[str]) -> Iterator[Plugin]:
+    """Installed plugins, those of omnilab[all] first so that no other can take their names; then single files."""
+    own = _own_distributions()
+    found = []
+    for point in entry_points(group="omnilab"):
+        dist = point.dist
+        found.append(Plugin(point.name, dist.name if dist else "?", dist.version if dist else "", point.load))
+    found.sort(key=lambda p: (p.distribution not in own, p.distribution, p.name))
+    for plugin in found:
+        if "none" not in chosen and f"-{plugin.name}" not in chosen:
+            yield plugin
+    for path in (word for word in chosen if word.endswith(".py")):
+        yield Plugin(Path(path).stem, path, "", lambda path=path: _load_file(Path(path)))  # type: ignore[misc]
+
+
+def _own_distributions() -> set[str]:
+    try:
+        wanted = requires("omnilab") or []
+    except PackageNotFoundError:  # run from a source tree that was never installed
+        return set()
+    return {"omnilab"} | {re.split(r"[ ;<>=!~\[]", line)[0] for line in wanted if line.startswith("omnilab-")}
+
+
+def _load_file(path: Path) -> ModuleType:
+    if not path.is_file():
+        raise PluginError(f"there is no file {path}; correct the path in OMNILAB_PLUGINS")
+    spec = importlib.util.spec_from_file_location(f"omnilab_file_{path.stem}", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses and pickles look the module up by its name
+    spec.loader.exec_module(module)
+    return module
+
+
+def _load(plugin: Plugin) -> list[Component]:
+    """What one plugin registers, each component checked."""
+    manager = pluggy.PluginManager("omnilab")
+    manager.add_hookspecs(hooks)
+    manager.register(plugin.load(), name=plugin.name)
+    try:
+        manager.check_pending()
+    except pluggy.PluginValidationError as error:
+        raise PluginError(f"{error}; the hooks are {', '.join(HOOKS.values())}") from error
+    components: dict[tuple[str, str], Component] = {}
+    for kind, hook in HOOKS.items():
+
+        def register(name: str, cls: type[Any], kind: str = kind) -> None:
+            check_component(kind, name, cls)
+            if (kind, name) in components:
+                raise PluginError(f"{kind} '{name}' is registered twice, by {components[kind, name].cls} and {cls}")
+            components[kind, name] = Component(kind, name, cls, plugin)
+
+        getattr(manager.hook, hook)(register=register)
+    return list(components.values())
+
+
+def check_component(kind: str, name: str, cls: type[Any]) -> None:
+    """PluginError if a class cannot serve as a component of that kind under that name."""
+    if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
+        raise PluginError(f"{kind} '{name}' has an unusable name; use lower case letters, digits and _")
+    if not dataclasses.is_dataclass(cls):
+        raise PluginError(f"{kind} '{name}' is {cls!r}; register a class with @dataclass")
+    lacking = [member for member in members(KINDS[kind]) if not hasattr(cls, member)]
+    if lacking:
+        raise PluginError(
+            f"{kind} '{name}' ({cls.__name__}) lacks {', '.join(lacking)}; see {KINDS[kind].__name__} in omnilab.api"
+        )
+
+
+def members(protocol: type[Any]) -> list[str]:
+    """The class attributes and methods that a Protocol asks for."""
+    declared = list(protocol.__annotations__) + [n for n, v in vars(protocol).items() if callable(v)]
+    return [name for name in declared if not name.startswith("_")]
+
+
+def _check_free(component: Component, registry: Registry) -> None:
+    if other := registry.components.get((component.kind, component.name)):
+        raise PluginError(
+            f"{component.kind} '{component.name}' is registered already by {other.plugin.title};"
+            f" rename it, or leave one plugin out with OMNILAB_PLUGINS=-{component.plugin.name}"
+        )
+
+
+def _store(component: Component) -> None:
+    ConfigStore.instance().store(
+        group=component.kind, name=component.name, node=component.cls, provider=component.plugin.distribution
+    )

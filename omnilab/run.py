@@ -1,0 +1,220 @@
+"""One run: the typed root configuration, building it, executing it. Nothing here knows a method."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import resource
+import signal
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from hydra.core.config_store import ConfigStore
+from omegaconf import MISSING, DictConfig, OmegaConf
+from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
+
+from omnilab.api import Parts, Report
+from omnilab.errors import ConfigError, OmnilabError
+from omnilab.logbook import DONE, FAILED, INTERRUPTED, Logbook, origin
+from omnilab.record import Recorder
+from omnilab.registry import KINDS, Registry, members
+
+log = logging.getLogger("omnilab")
+
+SLOTS = tuple(f.name for f in fields(Parts))
+
+
+@dataclass
+class Run:
+    """The whole configuration of one run. A slot holds a component, or null where the study needs none."""
+
+    sensor: Any = None
+    descriptor: Any = None
+    distance: Any = None  # null: the descriptor's default distance
+    localizer: Any = None
+    study: Any = MISSING
+    sinks: dict[str, Any] = field(default_factory=dict)
+    seed: int = 0
+    threads: int = 2  # of the math libraries: results are only the same bit for bit with the same number
+    logs: str = "logs"  # where run folders go
+
+
+ConfigStore.instance().store(name="omnilab_run", node=Run, provider="omnilab")
+
+
+def build(config: DictConfig, registry: Registry) -> Run:
+    """Live components from a composed configuration, each slot checked against its Protocol."""
+    try:
+        run = OmegaConf.to_object(config)
+    except MissingMandatoryValue as error:
+        key = str(error.full_key)
+        raise ConfigError(f"{key} is not set and has no default; give {key}=VALUE") from error
+    except OmegaConfBaseException as error:
+        raise ConfigError(f"{error.full_key}: {str(error).splitlines()[0]}") from error
+    assert isinstance(run, Run)
+    if run.distance is None and run.descriptor is not None and not isinstance(run.descriptor, dict):
+        run.distance = registry.get("distance", run.descriptor.default_distance).cls()
+    for slot in (*SLOTS, "study"):
+        _check_slot(slot, slot, getattr(run, slot), registry)
+    for name, sink in run.sinks.items():
+        _check_slot(f"sinks.{name}", "sink", sink, registry)
+    if run.threads < 1:
+        raise ConfigError(f"threads={run.threads} cannot compute anything; give threads=1 or more")
+    lacking = [slot for slot in run.study.needs if getattr(run, slot) is None]
+    if lacking:
+        options = "; ".join(f"{slot}={'|'.join(registry.names(slot))}" for slot in lacking)
+        raise ConfigError(f"the study needs a {' and a '.join(lacking)}, and none is chosen; give {options}")
+    return run
+
+
+def _check_slot(path: str, kind: str, value: Any, registry: Registry) -> None:
+    if value is None:
+        return
+    if isinstance(value, dict):
+        names = registry.names(kind)
+        raise ConfigError(
+            f"{path} is plain YAML without a component; start it with `defaults: [{names[0] if names else 'NAME'}, _self_]`"
+            f" (registered: {', '.join(names)})"
+        )
+    lacking = [member for member in members(KINDS[kind]) if not hasattr(value, member)]
+    if lacking:
+        raise ConfigError(f"{path} is a {type(value).__name__}, which lacks {', '.join(lacking)}; choose a {kind}")
+
+
+def named_components(run: Run, registry: Registry) -> dict[str, dict[str, str]]:
+    """For each slot in use: the registered name, class, distribution and version."""
+    slots = {slot: getattr(run, slot) for slot in (*SLOTS, "study")} | {f"sinks.{k}": v for k, v in run.sinks.items()}
+    found: dict[str, dict[str, str]] = {}
+    for slot, value in slots.items():
+        if value is None:
+            continue
+        component = registry.of(value)
+        found[slot] = {
+            "name": component.name if component else "",
+            "class": f"{type(value).__module__}.{type(value).__qualname__}",
+            "distribution": component.plugin.distribution if component else "",
+            "version": component.plugin.version if component else "",
+        }
+    return found
+
+
+def resolved_yaml(run: Run) -> str:
+    """The configuration as it ran, defaults and all."""
+    values = {
+        f.name: OmegaConf.structured(value) if hasattr(value := getattr(run, f.name), "__dataclass_fields__") else value
+        for f in fields(run)
+        if f.name != "sinks"
+    }
+    values["sinks"] = {name: OmegaConf.structured(sink) for name, sink in run.sinks.items()}
+    return OmegaConf.to_yaml(OmegaConf.create(values))
+
+
+def execute(run: Run, folder: Path, registry: Registry, overrides: Sequence[str] = (), experiment: str = "") -> Report:
+    """Run the study, and leave a complete run folder whatever happens."""
+    config_yaml = resolved_yaml(run)
+    book = Logbook(folder)
+    book.open(manifest_of(run, registry, overrides, experiment, config_yaml), config_yaml, Path(run.logs) / "latest")
+    recorder = Recorder(run.sinks, folder)
+    start = time.perf_counter()
+    try:
+        with _signals(recorder), recorder, pinned(run.threads):
+            for failure in registry.failures:
+                log.warning("%s", failure.sentence)
+            report: Report = run.study.run(_parts(run), recorder, np.random.default_rng(run.seed))
+            book.write(report)
+    except KeyboardInterrupt:
+        book.status(INTERRUPTED, sinks_dropped=recorder.dropped)
+        raise
+    except Exception as error:
+        log.error("the run failed", exc_info=not isinstance(error, OmnilabError))
+        book.status(FAILED, error=f"{type(error).__name__}: {error}", sinks_dropped=recorder.dropped)
+        raise
+    else:
+        book.status(DONE, sinks_dropped=recorder.dropped)
+    finally:
+        book.write_costs(_costs(recorder, time.perf_counter() - start))
+        book.close()
+    return report
+
+
+def manifest_of(
+    run: Run, registry: Registry, overrides: Sequence[str], experiment: str, config_yaml: str
+) -> dict[str, Any]:
+    """What is needed to know, and to repeat, a run."""
+    return {
+        "experiment": experiment,
+        "overrides": list(overrides),
+        "seed": run.seed,
+        "config_hash": hashlib.sha256(config_yaml.encode()).hexdigest(),
+        "components": named_components(run, registry),
+        "plugins_failed": [failure.sentence for failure in registry.failures],
+        **origin(),
+    }
+
+
+def _parts(run: Run) -> Parts:
+    return Parts(**{slot: getattr(run, slot) for slot in SLOTS})
+
+
+@contextmanager
+def pinned(threads: int) -> Iterator[None]:
+    """Fix the number of math threads, so that sums are made in the same order alone and in a sweep."""
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(limits=threads):
+        yield
+
+
+@contextmanager
+def _signals(recorder: Recorder) -> Iterator[None]:
+    """Ctrl-C and SIGTERM end the run between two records, never within one."""
+    try:
+        before = {number: signal.signal(number, recorder.interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
+    except ValueError:  # not in the main thread: whoever runs us there has signals in hand
+        yield
+        return
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _costs(recorder: Recorder, wall_s: float) -> list[tuple[str, float, str]]:
+    rows = [("wall", wall_s, "s")]
+    for stage, (seconds, count) in recorder.costs.items():
+        rows.append((stage, seconds, "s"))
+        if count > 1:
+            rows.append((f"{stage}, each", 1e3 * seconds / count, "ms"))
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    rows.append(("peak memory", peak / (2**20 if sys.platform == "darwin" else 2**10), "MiB"))
+    return rows
+
+
+def again(saved: Mapping[str, Any], manifest: Mapping[str, Any], registry: Registry) -> Run:
+    """The run that a saved configuration and manifest describe, with the components that are installed now."""
+    config = OmegaConf.structured(Run)
+    for slot, value in saved.items():
+        if slot == "sinks":
+            for name, settings in value.items():
+                config.sinks[name] = _component(f"sinks.{name}", "sink", settings, manifest, registry)
+        elif isinstance(value, Mapping):
+            config[slot] = _component(slot, slot, value, manifest, registry)
+        else:
+            config[slot] = value
+    return build(config, registry)
+
+
+def _component(
+    slot: str, kind: str, settings: Mapping[str, Any], manifest: Mapping[str, Any], registry: Registry
+) -> DictConfig:
+    cls = registry.get(kind, manifest["components"][slot]["name"]).cls
+    merged = OmegaConf.merge(OmegaConf.structured(cls), settings)
+    assert isinstance(merged, DictConfig)
+    return merged

@@ -1,0 +1,81 @@
+"""Phase-only correlation of whole signatures, as printed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from omnilab.api import Floats, Match, Signatures
+from omnilab.errors import DataError
+
+Spectra = npt.NDArray[np.complexfloating[Any, Any]]
+CHUNK = 64  # places correlated at once: what fits the cache
+
+
+@dataclass
+class Poc:
+    """Phase-only correlation over all shifts, 1 - max C (Berenguer, thesis, eq. 2.12-2.14, 4.2).
+
+    Signatures are matrices whose last axis shifts as the camera turns. The peak's shift along that axis, refined
+    between samples by a parabola through its neighbours, gives the rotation; the shift along the other axis is free.
+    """
+
+    def prepare(self, places: Signatures) -> tuple[Spectra, tuple[int, int]]:
+        """Unit-phase spectra of the places, and the shape of their signatures."""
+        return unit_phase(places.place), places.place.shape[1:]
+
+    def match(self, queries: Signatures, index: tuple[Spectra, tuple[int, int]]) -> Match:
+        """Distances and rotations (Q, P)."""
+        spectra, shape = index
+        distance = np.empty((len(queries), len(spectra)), np.float32)
+        rotation = np.empty_like(distance)
+        for q, query in enumerate(unit_phase(queries.place)):
+            for start in range(0, len(spectra), CHUNK):
+                chunk = slice(start, start + CHUNK)
+                peak, shift = highest(correlate(query, spectra[chunk], shape))
+                distance[q, chunk] = 1 - peak
+                rotation[q, chunk] = 2 * np.pi / shape[1] * shift
+        return Match(distance, (rotation + np.pi) % (2 * np.pi) - np.pi)
+
+
+def unit_phase(matrices: Floats) -> Spectra:
+    """Half spectra (N, rows, columns / 2 + 1) of matrices (N, rows, columns), every coefficient scaled to modulus 1.
+
+    Coefficients that are zero have no phase and stay zero.
+    """
+    from scipy import fft
+
+    if matrices.ndim != 3:
+        raise DataError(
+            f"signatures of shape {matrices.shape[1:]} have no two axes to correlate; choose distance=euclidean"
+        )
+    spectra = fft.rfft2(matrices, workers=-1)
+    modulus = np.abs(spectra)
+    return np.divide(spectra, modulus, out=np.zeros_like(spectra), where=modulus > 0)
+
+
+def correlate(query: Spectra, places: Spectra, shape: tuple[int, int]) -> Floats:
+    """Phase-only correlation surfaces (P, rows, columns) of one query with P places."""
+    from scipy import fft
+
+    return np.asarray(fft.irfft2(places * query.conj(), s=shape, workers=-1))
+
+
+def highest(surfaces: Floats) -> tuple[Floats, Floats]:
+    """The highest sample of each surface (P, rows, columns) and its column (P,), refined between the samples."""
+    count, _, columns = surfaces.shape
+    row, column = np.divmod(surfaces.reshape(count, -1).argmax(axis=1), columns)
+    every = np.arange(count)
+    peak = surfaces[every, row, column]
+    before, after = surfaces[every, row, column - 1], surfaces[every, row, (column + 1) % columns]
+    return peak, column + vertex(before, peak, after)
+
+
+def vertex(before: Floats, peak: Floats, after: Floats) -> Floats:
+    """Where between -0.5 and 0.5 the parabola through three samples peaks, the middle one being the highest."""
+    bend = before - 2 * peak + after
+    offset = np.divide(0.5 * (before - after), bend, out=np.zeros_like(peak), where=bend < 0)
+    return np.asarray(np.clip(offset, -0.5, 0.5))
