@@ -1,0 +1,184 @@
+"""From records to protobuf messages, Foxglove's wherever it has one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from functools import singledispatch
+
+import numpy as np
+from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
+from foxglove_schemas_protobuf.Point3_pb2 import Point3
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.Pose_pb2 import Pose as PoseMessage
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
+from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
+from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletion
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrimitive
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from google.protobuf.message import Message
+from google.protobuf.timestamp_pb2 import Timestamp
+
+from omnilab import api
+from omnilab.api import Floats, Tick
+from omnilab.geometry import planar_poses, quaternion_xyzw
+from omnilab.projection import encode
+from omnilab_mcap import schema
+
+WORLD = "world"
+LEVELS = {"INFO": Log.Level.INFO, "WARN": Log.Level.WARNING, "ERROR": Log.Level.ERROR}
+VERDICT_COLORS = {
+    "nearest": Color(r=0.2, g=0.7, b=0.3, a=1.0),
+    "second": Color(r=0.95, g=0.7, b=0.1, a=1.0),
+    "wrong": Color(r=0.9, g=0.2, b=0.2, a=1.0),
+}
+IDENTITY = PoseMessage(position=Vector3(), orientation=Quaternion(w=1.0))
+Topics = Iterable[tuple[str, Message]]
+
+
+@singledispatch
+def messages(record: api.Record, topic: str, tick: Tick) -> Topics:  # noqa: ARG001
+    """The messages of one record, each with its topic. Progress and layouts concern screens and have none."""
+    return ()
+
+
+@messages.register
+def image(record: api.Image, topic: str, tick: Tick) -> Topics:
+    data = record.encoded or encode(record.pixels, record.format)
+    yield topic, CompressedImage(timestamp=stamp(tick), frame_id=frame(topic), data=data, format=record.format)
+
+
+@messages.register
+def signature(record: api.Signature, topic: str, tick: Tick) -> Topics:
+    rows, columns = record.values.shape
+    picture = RawImage(timestamp=stamp(tick), frame_id=frame(topic), height=rows, width=columns, encoding="32FC1")
+    picture.step = 4 * columns
+    picture.data = record.values.astype("<f4").tobytes()
+    yield topic, picture
+
+
+@messages.register
+def place_map(record: api.PlaceMap, topic: str, tick: Tick) -> Topics:
+    if record.heading_rad is None:
+        yield topic, cloud(record.position_m, {}, tick)
+    else:
+        T_world_place = planar_poses(record.position_m, record.heading_rad)
+        yield topic, PosesInFrame(timestamp=stamp(tick), frame_id=WORLD, poses=poses(T_world_place))
+
+
+@messages.register
+def distance_field(record: api.DistanceField, topic: str, tick: Tick) -> Topics:
+    yield topic, cloud(record.position_m, {"distance": record.values}, tick)
+
+
+@messages.register
+def pose(record: api.Pose, topic: str, tick: Tick) -> Topics:
+    (at,) = poses(record.T_world_camera[None])
+    yield topic, PoseInFrame(timestamp=stamp(tick), frame_id=WORLD, pose=at)
+    transform = FrameTransform(timestamp=stamp(tick), parent_frame_id=WORLD, child_frame_id=frame(topic))
+    transform.translation.x, transform.translation.y, transform.translation.z = record.T_world_camera[:3, 3].tolist()
+    transform.rotation.CopyFrom(at.orientation)
+    yield "/tf", transform
+
+
+@messages.register
+def estimate(record: api.Estimate, topic: str, tick: Tick) -> Topics:
+    told = schema.Estimate(timestamp=stamp(tick), step=tick.step, verdict=record.verdict)
+    told.truth_m.x, told.truth_m.y, told.truth_m.z = record.truth_m.tolist()
+    told.answer_m.x, told.answer_m.y, told.answer_m.z = record.answer_m.tolist()
+    told.truth_heading_rad = record.truth_heading_rad
+    told.answer_heading_rad = math.nan if record.answer_heading_rad is None else record.answer_heading_rad
+    yield topic, told
+    alone = api.Answers(record.truth_m[None], record.answer_m[None], [record.verdict])
+    yield from answers(alone, f"{topic}/line", tick)
+
+
+@messages.register
+def answers(record: api.Answers, topic: str, tick: Tick) -> Topics:
+    verdicts = np.array(record.verdict)
+    ends = np.stack([record.truth_m, record.answer_m], axis=1)
+    yield (
+        topic,
+        scene([lines(verdict, ends[verdicts == verdict], tick) for verdict in sorted(set(record.verdict))], tick),
+    )
+
+
+@messages.register
+def mesh(record: api.Mesh, topic: str, tick: Tick) -> Topics:
+    colors = [Color(r=r, g=g, b=b, a=1.0) for r, g, b in (record.colors / 255).tolist()]
+    indices = record.triangles.ravel().tolist()
+    surface = TriangleListPrimitive(pose=IDENTITY, points=points(record.vertices_m), colors=colors, indices=indices)
+    yield topic, scene([SceneEntity(timestamp=stamp(tick), frame_id=WORLD, id=topic, triangles=[surface])], tick)
+
+
+@messages.register
+def text(record: api.Text, topic: str, tick: Tick) -> Topics:
+    yield topic, Log(timestamp=stamp(tick), level=LEVELS[record.level], message=record.text, name=topic)
+
+
+def scalars(record: api.Series) -> Iterator[tuple[Message, Tick]]:
+    """The rows of a curve, each with its own tick."""
+    rows = zip(record.values.tolist(), record.steps.tolist(), record.stamps_ns.tolist(), strict=True)
+    for value, step, stamp_ns in rows:
+        tick = Tick(step, stamp_ns)
+        yield schema.Scalar(timestamp=stamp(tick), step=step, value=value, unit=record.unit), tick
+
+
+def stamp(tick: Tick) -> Timestamp:
+    """The sensor's time."""
+    seconds, nanos = divmod(tick.stamp_ns, 10**9)
+    return Timestamp(seconds=seconds, nanos=nanos)
+
+
+def frame(topic: str) -> str:
+    """What carries the camera gives its frame the name: pictures and poses under `/camera` share the frame "camera"."""
+    return topic.split("/")[1]
+
+
+def points(position_m: Floats) -> list[Point3]:
+    """Positions (N, 3)."""
+    return [Point3(x=x, y=y, z=z) for x, y, z in position_m.tolist()]
+
+
+def poses(T: Floats) -> list[PoseMessage]:
+    """Poses (N, 4, 4)."""
+    positions, quaternions = T[:, :3, 3].tolist(), quaternion_xyzw(T).tolist()
+    return [
+        PoseMessage(position=Vector3(x=px, y=py, z=pz), orientation=Quaternion(x=x, y=y, z=z, w=w))
+        for (px, py, pz), (x, y, z, w) in zip(positions, quaternions, strict=True)
+    ]
+
+
+def cloud(position_m: Floats, values: dict[str, Floats], tick: Tick) -> PointCloud:
+    """Points (N, 3) and what holds at each (N,), as float32 in the frame "world"."""
+    columns = dict(zip("xyz", position_m.T, strict=True)) | values
+    fields = [
+        PackedElementField(name=name, offset=4 * i, type=PackedElementField.FLOAT32) for i, name in enumerate(columns)
+    ]
+    data = np.stack(list(columns.values()), axis=1).astype("<f4").tobytes()
+    return PointCloud(
+        timestamp=stamp(tick), frame_id=WORLD, pose=IDENTITY, point_stride=4 * len(fields), fields=fields, data=data
+    )
+
+
+def lines(verdict: str, ends_m: Floats, tick: Tick) -> SceneEntity:
+    """Lines (N, 2, 3) from truths to the answers of one verdict, three pixels wide."""
+    line = LinePrimitive(type=LinePrimitive.LINE_LIST, pose=IDENTITY, thickness=3.0, scale_invariant=True)
+    line.points.extend(points(ends_m.reshape(-1, 3)))
+    line.color.CopyFrom(VERDICT_COLORS[verdict])
+    return SceneEntity(timestamp=stamp(tick), frame_id=WORLD, id=verdict, lines=[line])
+
+
+def scene(entities: list[SceneEntity], tick: Tick) -> SceneUpdate:
+    """These entities in place of all that the topic showed before."""
+    earlier = SceneEntityDeletion(timestamp=stamp(tick), type=SceneEntityDeletion.ALL)
+    return SceneUpdate(deletions=[earlier], entities=entities)

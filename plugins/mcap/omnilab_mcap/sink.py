@@ -1,0 +1,61 @@
+"""The sink `mcap`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from omnilab.api import Record, Series, Tick
+
+if TYPE_CHECKING:
+    from omnilab_mcap.log import McapLog
+
+FILE = "run.mcap"
+
+
+@dataclass
+class McapSink:
+    """Writes every record into `run.mcap`, as protobuf messages that Foxglove, PlotJuggler and Rerun show."""
+
+    def __post_init__(self) -> None:
+        self._log: McapLog | None = None
+
+    def open(self, folder: Path) -> None:
+        """Start `run.mcap` in the run folder; DataError if it cannot be created or is there already."""
+        from omnilab_mcap.log import McapLog
+
+        self._log = McapLog(folder / FILE)
+
+    def write(self, path: str, record: Record, tick: Tick | None) -> None:
+        """Add one record under the topic `/path`; OSError if the disk fails."""
+        from omnilab_mcap import messages
+
+        topic, log = f"/{path.strip('/')}", self._opened()
+        if isinstance(record, Series):
+            log.add_rows(topic, messages.scalars(record))
+        else:
+            now = log.now()
+            tick = tick or Tick(0, now)
+            for subtopic, message in messages.messages(record, topic, tick):
+                log.add(subtopic, message, now, tick)
+
+    def flush(self) -> None:
+        """Complete the chunk in progress and hand it to the operating system."""
+        self._opened().flush()
+
+    def close(self) -> None:
+        """Complete the file with its index."""
+        self._opened().close()
+        self._log = None
+
+    def repair(self, folder: Path) -> str | None:
+        """Rewrite a torn `run.mcap` with all whole chunks and an index; DataError if it is no MCAP log."""
+        from omnilab_mcap.repair import repair
+
+        return repair(folder / FILE)
+
+    def _opened(self) -> McapLog:
+        if self._log is None:
+            raise RuntimeError("the sink 'mcap' is not open; call open(folder) first")
+        return self._log

@@ -1,0 +1,136 @@
+"""Logs of runs that were killed, and files that are no logs."""
+
+import subprocess
+import sys
+
+import pytest
+import zstandard
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.data_stream import RecordBuilder
+from mcap.reader import make_reader
+from mcap.records import Chunk
+from omnilab_mcap import McapSink
+
+from omnilab import api
+from omnilab.errors import DataError
+
+FLUSHED = 6
+
+
+@pytest.fixture(scope="module")
+def unfinished(tmp_path_factory):
+    """The bytes of a log that was never closed, and its size after each of its messages."""
+    folder, sizes = tmp_path_factory.mktemp("unfinished"), []
+    sink = McapSink()
+    sink.open(folder)
+    for step in range(FLUSHED):
+        sink.write("/log", api.Text(f"step {step}"), api.Tick(step, step))
+        sink.flush()
+        sizes.append((folder / "run.mcap").stat().st_size)
+    data = (folder / "run.mcap").read_bytes()
+    sink.close()
+    return data, sizes, (folder / "run.mcap").read_bytes()
+
+
+def mended(folder, data, read):
+    """What `repair` says of a file, and the texts of /log afterwards."""
+    (folder / "run.mcap").write_bytes(data)
+    told = McapSink().repair(folder)
+    assert [path.name for path in folder.iterdir()] == ["run.mcap"]
+    with (folder / "run.mcap").open("rb") as file:
+        assert make_reader(file).get_summary() is not None
+    return told, [entry.decoded.message for entry in read(folder / "run.mcap")["/log"]]
+
+
+@given(st.data())
+def test_torn_anywhere(tmp_path_factory, read, unfinished, data):
+    log, sizes, _ = unfinished
+    cut = data.draw(st.integers(0, len(log)))
+    told, texts = mended(tmp_path_factory.mktemp("torn"), log[:cut], read)
+    assert told == f"run.mcap was torn: {len(texts)} messages were kept and indexed again"
+    assert texts == [f"step {step}" for step in range(len(texts))]
+    assert len(texts) >= sum(size <= cut for size in sizes)
+
+
+@pytest.mark.parametrize("lost", range(1, 201))
+def test_torn_at_every_byte_of_the_end(tmp_path, read, unfinished, lost):
+    told, texts = mended(tmp_path, unfinished[2][:-lost], read)
+    assert told == f"run.mcap was torn: {FLUSHED} messages were kept and indexed again"
+    assert len(texts) == FLUSHED
+
+
+@given(st.data())
+def test_damaged_anywhere(tmp_path_factory, read, unfinished, data):
+    log, _, _ = unfinished
+    at = data.draw(st.integers(8, len(log) - 1))
+    damaged = bytearray(log)
+    damaged[at : at + 9] = data.draw(st.binary(min_size=9, max_size=9))
+    _, texts = mended(tmp_path_factory.mktemp("damaged"), bytes(damaged[: len(log)]), read)
+    assert set(texts) <= {f"step {step}" for step in range(FLUSHED)}
+
+
+KILLED = """
+import sys, time
+from pathlib import Path
+from omnilab import api
+from omnilab_mcap import McapSink
+
+sink = McapSink()
+sink.open(Path(sys.argv[1]))
+for step in range(100_000):
+    sink.write("/log", api.Text(f"step {step}"), api.Tick(step, step))
+    if step % 50 == 49:
+        sink.flush()
+        print(step, flush=True)
+    time.sleep(0.002)
+"""
+
+
+def test_killed_run_keeps_all_that_was_flushed(tmp_path, read):
+    with subprocess.Popen([sys.executable, "-c", KILLED, tmp_path], stdout=subprocess.PIPE, text=True) as process:
+        for _ in range(3):
+            flushed = int(process.stdout.readline())
+        process.kill()
+    assert process.returncode < 0
+    told = McapSink().repair(tmp_path)
+    texts = [entry.decoded.message for entry in read(tmp_path / "run.mcap")["/log"]]
+    assert len(texts) > flushed
+    assert texts == [f"step {step}" for step in range(len(texts))]
+    assert told == f"run.mcap was torn: {len(texts)} messages were kept and indexed again"
+
+
+def test_mending_keeps_every_record(tmp_path, run):
+    (tmp_path / "run.mcap").write_bytes((run / "run.mcap").read_bytes()[:-1])
+    McapSink().repair(tmp_path)
+    with (run / "run.mcap").open("rb") as before, (tmp_path / "run.mcap").open("rb") as after:
+        whole, mended = make_reader(before), make_reader(after)
+        assert list(mended.iter_messages()) == list(whole.iter_messages())
+        assert list(mended.iter_metadata()) == list(whole.iter_metadata())
+
+
+def test_whole_log_is_left_alone(tmp_path, unfinished):
+    (tmp_path / "run.mcap").write_bytes(unfinished[2])
+    assert McapSink().repair(tmp_path) is None
+    assert (tmp_path / "run.mcap").read_bytes() == unfinished[2]
+
+
+def test_no_log_needs_no_mending(tmp_path):
+    assert McapSink().repair(tmp_path) is None
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("garbage", [b"x", b"not a log, but something of yours", bytes(100)])
+def test_what_is_no_log_is_refused_and_kept(tmp_path, garbage):
+    (tmp_path / "run.mcap").write_bytes(garbage)
+    with pytest.raises(DataError, match=r"run.mcap is not an MCAP log \(it starts with b'.*'\); move it away"):
+        McapSink().repair(tmp_path)
+    assert (tmp_path / "run.mcap").read_bytes() == garbage
+
+
+def test_chunk_that_unpacks_to_more_than_it_says_ends_the_log(tmp_path, unfinished, read):
+    bomb = zstandard.compress(bytes(1 << 20))
+    chunk = RecordBuilder()
+    Chunk("zstd", bomb, message_start_time=0, message_end_time=0, uncompressed_crc=0, uncompressed_size=9).write(chunk)
+    _, texts = mended(tmp_path, unfinished[0] + chunk.end(), read)
+    assert len(texts) == FLUSHED
