@@ -1,0 +1,156 @@
+"""The sink `rerun`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from omnilab.api import Floats, Mesh, PlaceMap, Progress, Record, Series, Text, Tick, ViewLayout
+from omnilab.errors import ConfigError, DataError
+from omnilab_rerun.ports import LOOPBACK, is_free
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+FILE = "run.rrd"
+
+
+@dataclass
+class RerunSink:
+    """Writes `run.rrd`, which the Rerun viewer shows in the study's own layout; on request also while the run goes on.
+
+    Records without a tick are static. The others lie on the timelines `step` (the study's) and `sensor_time` (the
+    sensor's clock); Rerun adds `log_time`.
+    """
+
+    live: bool = (
+        False  # serve the run on loopback while it goes on: `rerun --connect rerun+http://127.0.0.1:PORT/proxy`
+    )
+    port: int = 9876  # of the live server
+    application_id: str = "omnilab"  # recordings of one application share what was rearranged in the viewer
+
+    def __post_init__(self) -> None:
+        if not 0 < self.port < 65536:
+            raise ConfigError(f"port={self.port} is no port; give a number from 1 to 65535")
+        self._spacing_m = 0.2  # what is drawn is as large as the map is fine
+
+    def open(self, folder: Path) -> None:
+        """Start `run.rrd`; OSError if it cannot be written, ConfigError if the live port is taken."""
+        import rerun as rr
+
+        (folder / FILE).open("wb").close()  # rerun's own error names no path
+        self._stream = rr.RecordingStream(self.application_id, recording_id=folder.resolve().name)
+        self._stream.set_sinks(rr.FileSink(folder / FILE), *self._server())
+        self._at(Tick(0, 0))
+        self._curves: set[str] = set()
+        self._extents: dict[str, Floats] = {}
+        self._layout: ViewLayout | None = None
+
+    def _server(self) -> list[rr.GrpcServerSink]:
+        """The live server, if wanted. A taken port is found here, for rerun would only print it."""
+        import rerun as rr
+
+        if not self.live:
+            return []
+        if not is_free(self.port):
+            raise ConfigError(
+                f"port {self.port} is taken, so the run cannot be shown live; close the viewer or run that uses it, or set"
+                " sinks.rerun.port"
+            )
+        return [rr.GrpcServerSink(bind_ip=LOOPBACK, port=self.port)]
+
+    def write(self, path: str, record: Record, tick: Tick | None) -> None:
+        """Draw one record. Log lines without a tick go where the run is, for a static one would replace the last."""
+        from omnilab_rerun.drawing import draw
+
+        if tick is not None:
+            self._at(tick)
+        match record:
+            case Progress():
+                return
+            case ViewLayout():
+                self._layout = record
+                self._lay_out()
+            case Series():
+                self._send_curve(path, record)
+            case _:
+                if isinstance(record, PlaceMap | Mesh):
+                    self._measure(path, record)
+                static = tick is None and not (isinstance(record, Text) and not record.markdown)
+                for part, archetypes in draw(record, self._spacing_m):
+                    self._stream.log(path + part, *archetypes, static=static, strict=True)
+
+    def _at(self, tick: Tick) -> None:
+        self._stream.set_time("step", sequence=tick.step)
+        self._stream.set_time("sensor_time", duration=np.timedelta64(tick.stamp_ns, "ns"))
+
+    def _measure(self, path: str, record: PlaceMap | Mesh) -> None:
+        """Remember how large the world and how fine the map is, for the eye and for what is drawn."""
+        from omnilab_rerun.drawing import spacing_m
+
+        points = record.vertices_m if isinstance(record, Mesh) else record.position_m
+        if isinstance(record, PlaceMap):
+            self._spacing_m = spacing_m(points)
+        if path not in self._extents and len(points):
+            self._extents[path] = np.stack([np.min(points, 0), np.max(points, 0)])
+            self._lay_out()
+
+    def _lay_out(self) -> None:
+        from omnilab_rerun.blueprint import blueprint
+
+        if self._layout is not None:
+            self._stream.send_blueprint(blueprint(self._layout, self._extents))
+
+    def _send_curve(self, path: str, series: Series) -> None:
+        import rerun as rr
+
+        if path not in self._curves:
+            self._curves.add(path)
+            name = f"{path.rsplit('/', 1)[-1]} [{series.unit}]"
+            self._stream.log(path, rr.SeriesLines(names=name), static=True, strict=True)
+        times = [
+            rr.TimeColumn("step", sequence=series.steps),
+            rr.TimeColumn("sensor_time", duration=np.asarray(series.stamps_ns).astype("timedelta64[ns]")),
+        ]
+        self._stream.send_columns(path, times, rr.Scalars.columns(scalars=series.values), strict=True)
+
+    def flush(self) -> None:
+        """Hand everything to the operating system; DataError if the file takes no more."""
+        try:
+            self._stream.flush()
+        except RuntimeError as error:
+            raise DataError(f"{FILE} takes no more records ({error}); make room on the disk") from error
+
+    def close(self) -> None:
+        """Write the footer."""
+        try:
+            self.flush()
+        finally:
+            self._stream.disconnect()
+
+    def repair(self, folder: Path) -> str | None:
+        """Drop a torn tail of `run.rrd` and write its footer; None if it was complete or is not there."""
+        from omnilab_rerun.binary import repair
+
+        return repair(folder / FILE)
+
+    def view(
+        self,
+        folder: Path,
+        screenshot: Path | None = None,
+        step: int | None = None,
+        size: tuple[int, int] = (1600, 900),
+    ) -> None:
+        """Open the recording in the viewer and wait until it is closed, or take its picture without a display.
+
+        `step` is the moment shown in the picture (None: the last one that has an image), `size` the picture's in pixels.
+        """
+        from omnilab_rerun.viewer import show, take_picture
+
+        if screenshot is None:
+            show(folder / FILE)
+        else:
+            take_picture(folder / FILE, screenshot, step, size)
