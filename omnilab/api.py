@@ -162,6 +162,7 @@ class Frames:
     keys: Sequence[str]  # (N,)
     stamps_ns: Ints  # (N,) int64, the sensor's clock
     camera: Camera
+    plan_index: Ints  # (N,) which frames of the plan these are
     T_world_camera: Floats | None = None  # (N, 4, 4)
     omitted: Sequence[str] = ()  # frames of the plan that could not be delivered here, each with its reason
 

@@ -16,18 +16,28 @@ TIE_M = 1e-3  # places this much farther than the nearest one are as near
 VERDICTS = ("nearest", "second", "wrong")
 
 
-def verdicts(truth_m: Floats, places_m: Floats, answer: Ints) -> npt.NDArray[np.str_]:
-    """Score answers (Q,), indices of places (P, 3), to queries taken at truth (Q, 3) (Berenguer, thesis, 4.5.1).
+def distances_to(truth_m: Floats, places_m: Floats) -> Floats:
+    """Metric distances (Q, P) from where queries were taken (Q, 3) to the places (P, 3)."""
+    return np.asarray(np.linalg.norm(truth_m[:, None, :] - places_m[None, :, :], axis=-1))
+
+
+def verdicts(distance_m: Floats, answer: Ints) -> npt.NDArray[np.str_]:
+    """Score answers (Q,), indices of places, by the metric distances (Q, P) to all places (thesis, 4.5.1).
 
     "nearest": no place is more than 1 mm closer to the query than the answered one (half-way queries have several
     nearest places); "second": the answer is at the next distinct distance; "wrong": any other.
     """
-    distance = np.linalg.norm(truth_m[:, None, :] - places_m[None, :, :], axis=-1)  # (Q, P)
-    answered = distance[np.arange(len(answer)), answer]
-    nearest = distance.min(axis=1)
-    beyond = np.where(distance > nearest[:, None] + TIE_M, distance, np.inf)
-    second = beyond.min(axis=1)
+    answered = distance_m[np.arange(len(answer)), answer]
+    nearest = distance_m.min(axis=1)
+    second = np.where(distance_m > nearest[:, None] + TIE_M, distance_m, np.inf).min(axis=1)
     return np.where(answered <= nearest + TIE_M, "nearest", np.where(answered <= second + TIE_M, "second", "wrong"))
+
+
+def ranks(distance_m: Floats, field: Floats) -> Ints:
+    """At which rank (Q,), from 1, the first of the truly nearest places comes when places are sorted by `field` (Q, P)."""
+    nearest = distance_m <= distance_m.min(axis=1, keepdims=True) + TIE_M
+    best = np.where(nearest, field, np.inf).min(axis=1)
+    return 1 + np.asarray((field < best[:, None]).sum(axis=1))
 
 
 def sharpness(field: Floats) -> Floats:

@@ -1,0 +1,106 @@
+"""What studies share: describing frames, showing a query, statistics as metrics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from omnilab.api import (
+    Descriptor,
+    Floats,
+    Frames,
+    Image,
+    Metric,
+    Parts,
+    Places,
+    Plan,
+    Pose,
+    Recorder,
+    Signature,
+    Signatures,
+    Tick,
+)
+from omnilab.errors import DataError
+from omnilab.projection import panorama, view_of
+
+
+def deliver(parts: Parts, plan: Plan, record: Recorder, stage: str) -> Iterator[Frames]:
+    """The frames of a plan, with progress shown and the sensor's time measured."""
+    frames = parts.sensor.frames(plan)
+    counted = record.track(
+        _timed(frames, record, f"{stage}: images"), stage, len(plan), lambda f: len(f) + len(f.omitted)
+    )
+    yield from counted
+
+
+def _timed(frames: Iterator[Frames], record: Recorder, stage: str) -> Iterator[Frames]:
+    while True:
+        with record.timed(stage, 0):
+            batch = next(frames, None)
+        if batch is None:
+            return
+        yield batch
+
+
+def describe(descriptor: Descriptor, frames: Frames, record: Recorder) -> Signatures:
+    """Signatures of frames, each prepared as the descriptor wants to see it."""
+    with record.timed("describe", len(frames)):
+        return descriptor.describe(view_of(frames.images, frames.camera, descriptor.view, descriptor.color))
+
+
+def describe_places(parts: Parts, plan: Plan, record: Recorder) -> tuple[Places, list[str]]:
+    """The map: every frame of the plan described; and the frames that could not be delivered, with reasons."""
+    signatures: Signatures | None = None
+    keys: list[str] = []
+    omitted = list(plan.omitted)
+    poses: list[Floats] = []
+    count = 0
+    for frames in deliver(parts, plan, record, "places"):
+        described = describe(parts.descriptor, frames, record)
+        if signatures is None:
+            signatures = _empty(described, len(plan))
+        signatures.place[count : count + len(frames)] = described.place
+        if signatures.heading is not None and described.heading is not None:
+            signatures.heading[count : count + len(frames)] = described.heading
+        count += len(frames)
+        keys += [plan.keys[i] for i in frames.plan_index]
+        omitted += frames.omitted
+        if frames.T_world_camera is not None:
+            poses.append(frames.T_world_camera)
+    if signatures is None:
+        raise DataError("the sensor delivered no places for the study's layout; give a larger area or a smaller step")
+    return Places(signatures[slice(count)], np.concatenate(poses) if poses else None, keys), omitted
+
+
+def _empty(like: Signatures, count: int) -> Signatures:
+    """Room for all places at once, so that a large map is never held twice."""
+    heading = None if like.heading is None else np.empty((count, *like.heading.shape[1:]), like.heading.dtype)
+    return Signatures(np.empty((count, *like.place.shape[1:]), like.place.dtype), heading)
+
+
+def show_frame(record: Recorder, frames: Frames, i: int, signature: Floats, tick: Tick) -> None:
+    """One frame of a batch into the logs: picture, panorama, signature (...), pose."""
+    image = frames.images[i]
+    record.log("camera/image", Image(image), tick)
+    unwrapped = panorama(image[None], frames.camera)[0]
+    record.log("camera/panorama", Image(unwrapped[:, ::-1]), tick)  # as a person sees it: clockwise to the right
+    matrix = signature if signature.ndim == 2 else signature.reshape(1, -1)
+    record.log("signature", Signature(matrix), tick)
+    if frames.T_world_camera is not None:
+        record.log("camera", Pose(frames.T_world_camera[i]), tick)
+
+
+def statistics(name: str, values: Floats, unit: str) -> list[Metric]:
+    """Median, mean and 95 % quantile."""
+    return [
+        Metric(f"{name}_median", float(np.median(values)), unit),
+        Metric(f"{name}_mean", float(np.mean(values)), unit),
+        Metric(f"{name}_p95", float(np.quantile(values, 0.95)), unit),
+    ]
+
+
+def markdown_table(metrics: list[Metric], title: str) -> str:
+    """Metrics as a Markdown document, for the viewer."""
+    rows = [f"| {m.name.replace('_', ' ')} | {m.value:.4g} {'' if m.unit == '1' else m.unit} |" for m in metrics]
+    return "\n".join([f"## {title}", "", "| | |", "|---|---|", *rows])

@@ -1,0 +1,98 @@
+"""The figures of a grid study, as matplotlib figures without global state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from omnilab.api import Bytes, Floats
+from omnilab.metrics import VERDICTS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLORS = {"nearest": "#2a9d5c", "second": "#e9a320", "wrong": "#d1403f"}
+DPI = 130
+
+
+def _figure(width: float, height: float) -> Figure:
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+
+
+def success(verdict: npt.NDArray[np.str_]) -> Figure:
+    """Bars of the rates of nearest, second and wrong answers (thesis, figure 4.13)."""
+    figure = _figure(4.6, 3.6)
+    axes = figure.subplots()
+    rates = [100 * float(np.mean(verdict == v)) for v in VERDICTS]
+    bars = axes.bar(VERDICTS, rates, color=[COLORS[v] for v in VERDICTS], width=0.62)
+    axes.bar_label(bars, [f"{rate:.1f} %" for rate in rates], padding=3)
+    axes.set(ylim=(0, 112), ylabel="queries [%]", title=f"Answered place, {len(verdict)} queries")
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def error_map(
+    places_m: Floats, truth_m: Floats, answer_m: Floats, error_m: Floats, verdict: npt.NDArray[np.str_]
+) -> Figure:
+    """Where queries were taken, coloured by error; a line leads from each wrong one to its answer."""
+    figure = _figure(7.2, 5.2)
+    axes = figure.subplots()
+    axes.plot(places_m[:, 0], places_m[:, 1], ".", color="#c9ced6", markersize=2, label="places", zorder=0)
+    top = float(np.quantile(error_m, 0.98)) or 1.0
+    shown = axes.scatter(truth_m[:, 0], truth_m[:, 1], c=error_m, s=9, cmap="viridis", vmin=0, vmax=top, zorder=1)
+    wrong = verdict == "wrong"
+    lines = np.stack([truth_m[wrong, :2], answer_m[wrong, :2], np.full((wrong.sum(), 2), np.nan)], 1).reshape(-1, 2)
+    label = f"wrong answers ({wrong.sum()})"
+    axes.plot(lines[:, 0], lines[:, 1], "-", color=COLORS["wrong"], linewidth=0.8, label=label, zorder=2)
+    figure.colorbar(shown, ax=axes, label="position error [m]", extend="max")
+    _as_floor_plan(axes, "Position error of every query")
+    axes.legend(loc="upper right", fontsize=8, framealpha=0.9)
+    return figure
+
+
+def surface(places_m: Floats, field: Floats, truth_m: Floats, answer_m: Floats) -> Figure:
+    """The distance of one query to every place (thesis, figure 4.12)."""
+    figure = _figure(7.2, 5.2)
+    axes = figure.subplots()
+    shown = axes.scatter(places_m[:, 0], places_m[:, 1], c=field, s=_dot_size(places_m), cmap="viridis", marker="s")
+    axes.plot(*truth_m[:2], "o", markersize=11, markerfacecolor="none", markeredgecolor="white", markeredgewidth=2)
+    axes.plot(*truth_m[:2], "o", markersize=11, markerfacecolor="none", markeredgecolor="black", label="query")
+    axes.plot(*answer_m[:2], "x", markersize=9, color=COLORS["wrong"], markeredgewidth=2, label="answer")
+    figure.colorbar(shown, ax=axes, label="distance of the signatures")
+    _as_floor_plan(axes, f"Distance surface of the query at ({truth_m[0]:.3f}, {truth_m[1]:.3f}) m")
+    axes.legend(loc="upper right", fontsize=8, framealpha=0.9)
+    return figure
+
+
+def _dot_size(places_m: Floats) -> float:
+    """Area of a marker, in points squared, that about fills a grid cell."""
+    span = np.ptp(places_m[:, :2], axis=0)
+    cell = np.sqrt(max(float(span[0] * span[1]), 1e-9) / len(places_m))
+    return float((380 * cell / max(float(span.max()), cell)) ** 2)
+
+
+def _as_floor_plan(axes: Axes, title: str) -> None:
+    axes.set(xlabel="x [m]", ylabel="y [m]", title=title, aspect="equal")
+
+
+def worst(
+    queries: Sequence[Bytes], answered: Sequence[Bytes], error_m: Floats, verdict: npt.NDArray[np.str_]
+) -> Figure:
+    """The queries with the largest errors (top) and the places they were taken for (bottom)."""
+    figure = _figure(2.1 * len(error_m), 4.6)
+    axes = figure.subplots(2, len(error_m), squeeze=False)
+    for i, (query, answer) in enumerate(zip(queries, answered, strict=True)):
+        for row, image in enumerate((query, answer)):
+            axes[row, i].imshow(image, cmap="gray", vmin=0, vmax=255)
+            axes[row, i].set(xticks=[], yticks=[])
+        axes[0, i].set_title(f"{verdict[i]}, {error_m[i]:.2f} m", fontsize=9, color=COLORS[str(verdict[i])])
+    axes[0, 0].set_ylabel("query")
+    axes[1, 0].set_ylabel("answer")
+    figure.suptitle("Largest errors")
+    return figure

@@ -1,0 +1,23 @@
+"""How runs look in a viewer."""
+
+from omnilab.api import Panel, ViewLayout
+
+PLACES = ViewLayout(
+    columns=(
+        (
+            Panel("map", "Room, places and queries", ("room", "places", "camera", "estimate", "answers")),
+            Panel("map", "Distance of the query to every place", ("distances",)),
+        ),
+        (
+            Panel("image", "Query", ("camera/image",)),
+            Panel("image", "Panorama", ("camera/panorama",)),
+            Panel("image", "Signature", ("signature",)),
+        ),
+        (
+            Panel("plot", "Position error", ("error/position_m",)),
+            Panel("plot", "Heading error", ("error/heading_deg",)),
+            Panel("text", "Result", ("summary",)),
+        ),
+    ),
+    widths=(3, 2, 2),
+)

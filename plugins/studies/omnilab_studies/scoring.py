@@ -1,0 +1,102 @@
+"""Answers beside the truth: one row per query."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from omnilab.api import Estimates, Floats, Frames, Ints
+from omnilab.errors import DataError
+from omnilab.geometry import heading_of
+from omnilab.metrics import distances_to, heading_error, ranks, sharpness, verdicts
+
+
+@dataclass(frozen=True)
+class Scored:
+    """The answers to Q queries, beside the truth. What a localizer does not give is NaN, a rank is then 0."""
+
+    plan_index: Ints  # (Q,) in the plan of queries
+    stamps_ns: Ints  # (Q,)
+    truth: Floats  # (Q, 4, 4) T_world_camera
+    place: Ints  # (Q,) the answered place
+    answer_m: Floats  # (Q, 3)
+    answer_heading_rad: Floats  # (Q,)
+    distance: Floats  # (Q,) to the answered place
+    verdict: npt.NDArray[np.str_]  # (Q,)
+    rank: Ints  # (Q,) of the truly nearest place, from 1
+    sharpness: Floats  # (Q,)
+
+    @property
+    def truth_m(self) -> Floats:
+        return self.truth[:, :3, 3]
+
+    @property
+    def error_m(self) -> Floats:
+        return np.asarray(np.linalg.norm(self.answer_m - self.truth_m, axis=1))
+
+    @property
+    def heading_error_deg(self) -> Floats:
+        return np.rad2deg(heading_error(heading_of(self.truth), self.answer_heading_rad))
+
+    @property
+    def has_headings(self) -> bool:
+        return bool(np.isfinite(self.answer_heading_rad).all())
+
+
+def score(frames: Frames, estimates: Estimates, places_m: Floats) -> Scored:
+    """Hold a localizer's answers against where the frames were taken, on a map of places (P, 3)."""
+    truth = known_poses(frames.T_world_camera, "queries")
+    unknown = np.full(len(frames), np.nan)
+    to_places = distances_to(truth[:, :3, 3], places_m)
+    field, heading = estimates.field, estimates.heading_rad
+    return Scored(
+        plan_index=frames.plan_index,
+        stamps_ns=frames.stamps_ns,
+        truth=truth,
+        place=estimates.place,
+        answer_m=estimates.position_m,
+        answer_heading_rad=unknown if heading is None else heading,
+        distance=estimates.distance,
+        verdict=verdicts(to_places, estimates.place),
+        rank=np.zeros(len(frames), int) if field is None else ranks(to_places, field),
+        sharpness=unknown if field is None else sharpness(field),
+    )
+
+
+def known_poses(T_world_camera: Floats | None, what: str) -> Floats:
+    """The poses, or a DataError if the sensor does not know them."""
+    if T_world_camera is None:
+        raise DataError(f"the {what} have no positions, and this study scores positions; give a positions file")
+    return T_world_camera
+
+
+def joined(batches: Sequence[Scored]) -> Scored:
+    """Batches in one; DataError if there was no query at all."""
+    if not batches:
+        raise DataError("the sensor delivered no queries for the study's layout; ask for other query poses")
+    return Scored(*(np.concatenate([getattr(b, f.name) for b in batches]) for f in fields(Scored)))
+
+
+def as_table(scored: Scored, keys: Sequence[str]) -> Mapping[str, Sequence[Any]]:
+    """One row per query: truth, answer, errors, verdict, rank, distance. `keys` are those of the queries' plan."""
+    truth, answer = scored.truth_m, scored.answer_m
+    columns: dict[str, Any] = {
+        "query": scored.plan_index,
+        "key": [keys[i] for i in scored.plan_index],
+        **{f"truth_{axis}_m": truth[:, i] for i, axis in enumerate("xyz")},
+        "truth_heading_deg": np.rad2deg(heading_of(scored.truth)),
+        "place": scored.place,
+        **{f"answer_{axis}_m": answer[:, i] for i, axis in enumerate("xyz")},
+        "answer_heading_deg": np.rad2deg(scored.answer_heading_rad),
+        "error_m": scored.error_m,
+        "heading_error_deg": scored.heading_error_deg,
+        "verdict": scored.verdict,
+        "rank": scored.rank,
+        "distance": scored.distance,
+        "sharpness": scored.sharpness,
+    }
+    return {name: np.asarray(column).tolist() for name, column in columns.items()}
