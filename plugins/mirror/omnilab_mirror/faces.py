@@ -1,0 +1,94 @@
+"""Parallelograms, and the boxes and solids made of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from omnilab_mirror.canvas import Paint
+
+Floats = npt.NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True)
+class Face:
+    """A parallelogram: corner (3,) and edges u, v (3,) in metres. Its front, that lamps shine on, is where u x v points."""
+
+    corner: Floats
+    u: Floats
+    v: Floats
+    paint: Paint
+    overhead: bool = False  # left out where one looks in from above
+
+
+@dataclass(frozen=True)
+class Solid:
+    """What no viewpoint may lie in: a box between `low` and `high` (3,) in the frame of `place`."""
+
+    name: str
+    place: Place
+    low: Floats
+    high: Floats
+
+    def holds(self, points: Floats, clearance_m: float) -> npt.NDArray[np.bool_]:
+        """Which of the points (N, 3) lie inside or nearer than the clearance."""
+        local = self.place.local(points)
+        inside: npt.NDArray[np.bool_] = np.all(
+            (local > self.low - clearance_m) & (local < self.high + clearance_m), axis=1
+        )
+        return inside
+
+
+@dataclass(frozen=True)
+class Place:
+    """An upright frame at (x, y, z), turned about +z."""
+
+    at: Floats
+    turn_rad: float
+
+    @property
+    def rotation(self) -> Floats:
+        """From this frame's directions to the world's, (3, 3)."""
+        c, s = np.cos(self.turn_rad), np.sin(self.turn_rad)
+        return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+
+    def local(self, points: Floats) -> Floats:
+        """World points (N, 3) in this frame."""
+        return (points - self.at) @ self.rotation
+
+    def face(self, corner: Any, u: Any, v: Any, paint: Paint) -> Face:
+        """A face given in this frame."""
+        R = self.rotation
+        return Face(self.at + R @ np.asarray(corner, float), R @ np.asarray(u, float), R @ np.asarray(v, float), paint)
+
+
+@dataclass
+class Model:
+    """A world while its objects are being placed in it."""
+
+    paints: dict[str, Paint]
+    faces: list[Face] = field(default_factory=list)
+    solids: list[Solid] = field(default_factory=list)
+    room: Floats | None = None  # (2, 3): lowest and highest corner
+
+    def box(
+        self, place: Place, low: Any, high: Any, paint: Paint, front: Paint | None = None, top: Paint | None = None
+    ) -> None:
+        """Six faces from `low` to `high` (3,) in the frame of `place`; its front looks to -y."""
+        (x0, y0, z0), (x1, y1, z1) = low, high
+        dx, dy, dz = x1 - x0, y1 - y0, z1 - z0
+        self.faces += [
+            place.face((x0, y0, z0), (dx, 0, 0), (0, 0, dz), front or paint),
+            place.face((x1, y1, z0), (-dx, 0, 0), (0, 0, dz), paint),
+            place.face((x0, y1, z0), (0, -dy, 0), (0, 0, dz), paint),
+            place.face((x1, y0, z0), (0, dy, 0), (0, 0, dz), paint),
+            place.face((x0, y0, z1), (dx, 0, 0), (0, dy, 0), top or paint),
+            place.face((x0, y1, z0), (dx, 0, 0), (0, -dy, 0), paint),
+        ]
+
+    def solid(self, name: str, place: Place, low: Any, high: Any) -> None:
+        """Keep viewpoints out of a box."""
+        self.solids.append(Solid(name, place, np.asarray(low, float), np.asarray(high, float)))

@@ -1,0 +1,149 @@
+"""What a world is furnished with. A new kind is a function here, which reads its keys and adds faces, and a line in
+`OBJECTS`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from omnilab_mirror.faces import Face, Model, Place
+from omnilab_mirror.reader import Section
+from omnilab_mirror.textures import paint_of
+
+WALLS = {  # the direction to the wall, and to the right as one faces it
+    "north": ((0, 1), (1, 0)),
+    "south": ((0, -1), (-1, 0)),
+    "east": ((1, 0), (0, -1)),
+    "west": ((-1, 0), (0, 1)),
+}
+
+
+def room(s: Section, model: Model) -> None:
+    """Floor, ceiling and four walls around the origin: `size` (x, y, height)."""
+    size = np.array(s.size("size", 3))
+    x, y, z = size * [0.5, 0.5, 1]
+    model.room = np.array([[-x, -y, 0], [x, y, z]])
+    level = Place(np.zeros(3), 0.0)
+    model.faces.append(level.face((-x, -y, 0), (2 * x, 0, 0), (0, 2 * y, 0), paint_of(s, "floor", model.paints)))
+    ceiling = level.face((-x, y, z), (2 * x, 0, 0), (0, -2 * y, 0), paint_of(s, "ceiling", model.paints))
+    model.faces.append(Face(ceiling.corner, ceiling.u, ceiling.v, ceiling.paint, overhead=True))
+    for name, (towards, right) in WALLS.items():
+        middle, along = np.array([*towards, 0]) * size / 2, np.array([*right, 0]) * size / 2
+        model.faces.append(level.face(middle - along, 2 * along, (0, 0, z), paint_of(s, name, model.paints)))
+
+
+def panel(s: Section, model: Model) -> None:
+    """A picture, door or window on a wall: `at` (x or y of its middle, height of its lower edge), `size`."""
+    towards, right = (np.array([*d, 0.0]) for d in WALLS[s.choice("wall", WALLS)])
+    (along, bottom), (width, height) = s.numbers("at", 2), s.size("size", 2)
+    if model.room is None:
+        raise s.wrong("hangs on a wall, but no room comes before it; list the room first")
+    half = model.room[1]
+    if abs(along) + width / 2 > abs(right) @ half or bottom < 0 or bottom + height > half[2]:
+        raise s.wrong(f"at [{along:g}, {bottom:g}] with size [{width:g}, {height:g}] reaches beyond its wall; move it")
+    # some millimetres into the room: in one plane with the wall, they would shine through each other
+    middle = towards * (half - s.number("depth_m", 0.005, 0.001, 1)) + abs(right) * along
+    corner = middle * [1, 1, 0] - right * (width / 2) + [0, 0, bottom]
+    model.faces.append(Face(corner, right * width, np.array([0, 0, height]), paint_of(s, "texture", model.paints)))
+
+
+def rug(s: Section, model: Model) -> None:
+    """A flat thing on the floor, or at height `z`: `at` (x, y), `size` (x, y)."""
+    place, (x, y) = _place(s), s.size("size", 2)
+    paint = paint_of(s, "texture", model.paints)
+    model.faces.append(place.face((-x / 2, -y / 2, 0.004), (x, 0, 0), (0, y, 0), paint))
+
+
+def box(s: Section, model: Model) -> None:
+    """A box, shelf or cupboard: `at` (x, y), `z` of its bottom, `size`; its `front` looks to -y before it is turned."""
+    place, size = _place(s), np.array(s.size("size", 3))
+    low, high = size * [-0.5, -0.5, 0], size * [0.5, 0.5, 1]
+    paint = paint_of(s, "texture", model.paints)
+    front, top = (paint_of(s, key, model.paints) if key in s else None for key in ("front", "top"))
+    model.box(place, low, high, paint, front, top)
+    model.solid(s.word("name", "box"), place, low, high)
+
+
+def table(s: Section, model: Model) -> None:
+    """A board on four legs."""
+    place, (x, y, z) = _place(s), s.size("size", 3)
+    paint, leg = paint_of(s, "texture", model.paints), s.number("leg_m", 0.06, 0.001, 1)
+    model.box(place, (-x / 2, -y / 2, z - 0.04), (x / 2, y / 2, z), paint)
+    _legs(model, place, (x, y, z - 0.04), leg, s)
+    model.solid(s.word("name", "table"), place, (-x / 2, -y / 2, 0), (x / 2, y / 2, z))
+
+
+def chair(s: Section, model: Model) -> None:
+    """A seat on four legs with a back; one sits looking to -y before it is turned."""
+    place, (x, y, z) = _place(s), s.size("size", 3, [0.45, 0.45, 0.9])
+    paint = paint_of(s, "texture", model.paints)
+    model.box(place, (-x / 2, -y / 2, z / 2 - 0.05), (x / 2, y / 2, z / 2), paint)
+    model.box(place, (-x / 2, y / 2 - 0.04, z / 2), (x / 2, y / 2, z), paint)
+    _legs(model, place, (x, y, z / 2 - 0.05), 0.04, s)
+    model.solid(s.word("name", "chair"), place, (-x / 2, -y / 2, 0), (x / 2, y / 2, z))
+
+
+def plant(s: Section, model: Model) -> None:
+    """A pot with leaves that lean outwards: `size` (width, height)."""
+    place, (width, height) = _place(s), s.size("size", 2)
+    leaves, r = paint_of(s, "texture", model.paints), width / 2
+    model.box(place, (-r / 2, -r / 2, 0), (r / 2, r / 2, height / 4), paint_of(s, "pot", model.paints, [150, 80, 50]))
+    count = int(s.number("leaves", 9, 1, 100))
+    for i in range(count):
+        angle = 2 * np.pi * i / count
+        out, side = np.array([np.cos(angle), np.sin(angle), 0]), np.array([-np.sin(angle), np.cos(angle), 0])
+        lean = r * (0.35 + 0.65 * ((i * 5) % 7) / 6)
+        tip = out * lean + [0, 0, height * (0.75 - 0.25 * lean / r)]
+        model.faces.append(
+            place.face(out * r / 8 - side * width / 12 + [0, 0, height / 4], side * width / 6, tip, leaves)
+        )
+    model.solid(s.word("name", "plant"), place, (-r, -r, 0), (r, r, height))
+
+
+def face(s: Section, model: Model) -> None:
+    """One parallelogram: its four `corners`, counter-clockwise as seen from the front."""
+    corners = np.array(s.points("corners")).reshape(-1, 3)
+    if len(corners) != 4:
+        raise s.invalid("corners", corners.tolist(), f"4 corners, not {len(corners)}; split it into parallelograms")
+    u, v, diagonal = corners[1] - corners[0], corners[3] - corners[0], corners[2] - corners[0]
+    area = np.linalg.norm(np.cross(u, v))
+    if area < 1e-6:
+        raise s.invalid("corners", corners.tolist(), "a face with an area, but these corners lie on a line")
+    if abs(np.cross(u, v) @ diagonal) / area > 1e-4:
+        raise s.invalid("corners", corners.tolist(), "4 corners in one plane; move one or split the face")
+    if np.linalg.norm(u + v - diagonal) > 1e-4:
+        raise s.invalid("corners", corners.tolist(), "a parallelogram, whose opposite edges are equal")
+    model.faces.append(Face(corners[0], u, v, paint_of(s, "texture", model.paints)))
+
+
+OBJECTS: dict[str, Callable[[Section, Model], None]] = {
+    "box": box,
+    "chair": chair,
+    "face": face,
+    "panel": panel,
+    "plant": plant,
+    "room": room,
+    "rug": rug,
+    "table": table,
+}
+
+
+def add_object(s: Section, model: Model) -> None:
+    """Add what a section of `objects` describes."""
+    OBJECTS[s.choice("kind", OBJECTS)](s, model)
+    s.value("name", None)  # for those who read the file, where the kind has no use for it
+    s.done()
+
+
+def _place(s: Section) -> Place:
+    x, y = s.numbers("at", 2)
+    return Place(np.array([x, y, s.number("z", 0.0)]), np.deg2rad(s.number("turn_deg", 0.0)))
+
+
+def _legs(model: Model, place: Place, size: tuple[float, float, float], leg: float, s: Section) -> None:
+    x, y, z = size
+    paint = paint_of(s, "legs", model.paints) if "legs" in s else paint_of(s, "texture", model.paints)
+    for right in (-x / 2, x / 2 - leg):
+        for back in (-y / 2, y / 2 - leg):
+            model.box(place, (right, back, 0), (right + leg, back + leg, z), paint)

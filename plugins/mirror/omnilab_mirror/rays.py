@@ -1,0 +1,64 @@
+"""Where each pixel of a camera looks, and cones around tiles of pixels."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from omnilab.projection import HyperbolicMirror
+
+Floats = npt.NDArray[np.floating[Any]]
+
+TILE = 8  # pixels
+NO_CONE = (-2.0, 2.0)  # a tile that spans more than a half-space may see anything
+
+
+class Rays(NamedTuple):
+    """All rays of a camera, in its frame."""
+
+    rays: Floats  # (H, W, S, 4): unit direction and solid angle of each sample; zeros where the mirror ends
+    axis: Floats  # (H / TILE, W / TILE, 3): the middle of each tile's rays
+    spread: Floats  # (H / TILE, W / TILE, 2): cosine and sine of the angle that no ray of the tile exceeds
+
+
+@lru_cache(maxsize=4)
+def rays_of(camera: HyperbolicMirror, samples: int) -> Rays:
+    """The rays of a camera with `samples` = n x n points in each pixel."""
+    n = int(np.sqrt(samples))
+    offset = (np.arange(n) + 0.5) / n - 0.5
+    v, u, dv, du = np.meshgrid(np.arange(camera.height), np.arange(camera.width), offset, offset, indexing="ij")
+    uv = np.stack([u + du, v + dv], -1).reshape(camera.height, camera.width, samples, 2)
+    directions = camera.directions(uv)
+    rays = np.concatenate([directions, _solid_angle(camera, uv)[..., None] / samples], -1)
+    rays = np.nan_to_num(rays, nan=0.0)
+    return Rays(rays, *_cones(rays))
+
+
+def _solid_angle(camera: HyperbolicMirror, uv: Floats) -> Floats:
+    """Steradians that a pixel at `uv` covers."""
+    h = 1e-3
+    right, up = np.array([h, 0]), np.array([0, h])
+    along_u = camera.directions(uv + right) - camera.directions(uv - right)
+    along_v = camera.directions(uv + up) - camera.directions(uv - up)
+    return np.asarray(np.linalg.norm(np.cross(along_u, along_v), axis=-1)) / (2 * h) ** 2
+
+
+def _cones(rays: Floats) -> tuple[Floats, Floats]:
+    height, width = rays.shape[:2]
+    shape = (-(-height // TILE), -(-width // TILE))
+    axis, spread = np.zeros((*shape, 3)), np.zeros((*shape, 2))
+    for tv, tu in np.ndindex(shape):
+        d = rays[tv * TILE : (tv + 1) * TILE, tu * TILE : (tu + 1) * TILE, :, :3].reshape(-1, 3)
+        axis[tv, tu], spread[tv, tu] = _cone(d[np.any(d != 0, axis=1)])
+    return axis, spread
+
+
+def _cone(d: Floats) -> tuple[Floats, tuple[float, float]]:
+    if len(d) == 0:
+        return np.zeros(3), (1.0, 0.0)
+    axis = d.sum(0) / max(float(np.linalg.norm(d.sum(0))), 1e-12)
+    sin = float(np.linalg.norm(np.cross(d, axis), axis=1).max()) + 1e-9
+    return axis, (float(np.sqrt(1 - sin**2)), sin) if (d @ axis).min() > 0.1 else NO_CONE
