@@ -11,11 +11,13 @@ from omnilab.api import Bytes, Circle
 from omnilab.errors import DataError
 
 Floats = npt.NDArray[np.floating[Any]]
+Ints = npt.NDArray[np.integer[Any]]
 Bools = npt.NDArray[np.bool_]
 
 DARK = 0.3  # a surround brighter than this share of the brightest pixels is part of the picture
 LIT = 0.15  # between surround and brightest pixels: above it, a pixel shows the world
 NEAR_PX = 1.5  # from the circle, for a point of the rim to be on it
+FILLED = 0.8  # least share of the disc that the lit region's hull covers
 TRIALS = 500
 
 
@@ -33,11 +35,16 @@ def find_circle(images: Bytes) -> Circle:
     brightest = cv2.medianBlur(images.max(axis=0), 5)
     height, width = brightest.shape
     surround, bright = _corner_level(brightest), float(np.percentile(brightest, 99))
-    if surround > DARK * bright:
+    if surround >= DARK * bright:
         return Circle((width - 1) / 2, (height - 1) / 2, min(width, height) / 2)
     lit = brightest > surround + LIT * (bright - surround)
-    cx, cy, radius = _fit_robust(_rim(lit))
-    return Circle(cx, cy, radius, _dark_radius(lit, cx, cy))
+    hull = _hull(lit)
+    cx, cy, radius = _fit_robust(_off_frame(hull, lit.shape))
+    v, u = np.indices(lit.shape)
+    distance = np.hypot(u - cx, v - cy)
+    if _overlap(hull, distance <= radius) < FILLED:
+        raise _no_circle()
+    return Circle(cx, cy, radius, _dark_radius(lit, distance))
 
 
 def _corner_level(image: Bytes) -> float:
@@ -46,26 +53,35 @@ def _corner_level(image: Bytes) -> float:
     return float(np.median([image[:h, :w], image[:h, -w:], image[-h:, :w], image[-h:, -w:]]))
 
 
-def _rim(lit: Bools) -> Floats:
-    """Corners (M, 2) = (u, v) of the convex hull of the largest lit region, less those on the frame's edge."""
+def _hull(lit: Bools) -> Ints:
+    """Corners (M, 2) = (u, v) of the convex hull of the largest lit region."""
     import cv2
 
     _, labels, stats, _ = cv2.connectedComponentsWithStats(lit.astype(np.uint8))
     largest = 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
     points = cv2.findNonZero((labels == largest).astype(np.uint8)).reshape(-1, 2)
-    hull = cv2.convexHull(points).reshape(-1, 2).astype(float)
-    inside = (hull > 2) & (hull < np.array(lit.shape[::-1]) - 3)
-    return np.asarray(hull[inside.all(-1)])
+    return np.asarray(cv2.convexHull(points).reshape(-1, 2))
+
+
+def _off_frame(points: Ints, shape: tuple[int, ...]) -> Floats:
+    inside = (points > 2) & (points < np.array(shape[::-1]) - 3)
+    return points[inside.all(-1)].astype(float)
+
+
+def _overlap(hull: Ints, disc: Bools) -> float:
+    """Area that the hull and the disc (H, W) share, over that of both together."""
+    import cv2
+
+    region = cv2.fillConvexPoly(np.zeros(disc.shape, np.uint8), hull, 1) > 0
+    return float((region & disc).sum() / (region | disc).sum())
 
 
 def _fit_robust(points: Floats) -> tuple[float, float, float]:
     """Centre and radius of the circle through most of the points (M, 2)."""
-    if len(points) < 8:
+    if len(points) < 3:
         raise _no_circle()
     triples = np.random.default_rng(0).integers(len(points), size=(TRIALS, 3))
     near = max((_near(points, *_through(points[triple])) for triple in triples), key=np.count_nonzero)
-    if near.mean() < 0.5:
-        raise _no_circle()
     return _through(points[near])
 
 
@@ -80,10 +96,9 @@ def _near(points: Floats, cx: float, cy: float, radius: float) -> Bools:
     return np.asarray(np.abs(np.hypot(points[:, 0] - cx, points[:, 1] - cy) - radius) < NEAR_PX)
 
 
-def _dark_radius(lit: Bools, cx: float, cy: float) -> float:
+def _dark_radius(lit: Bools, distance: Floats) -> float:
     """Up to which distance from the centre most pixels are dark; 0 if the centre is lit."""
-    v, u = np.indices(lit.shape)
-    ring = np.rint(np.hypot(u - cx, v - cy)).astype(int).ravel()
+    ring = np.rint(distance).astype(int).ravel()
     share = np.bincount(ring, lit.ravel()) / np.maximum(np.bincount(ring), 1)
     return float(np.argmax(share > 0.5))
 

@@ -132,6 +132,7 @@ class Folder:
             keys=[shot.key for shot in shots],
             stamps_ns=self._recording.stamps_ns(chosen.keys),
             camera=self._optics.camera(self.sky_inside),
+            plan_index=np.array([shot.index for shot in shots]),
             T_world_camera=chosen.T_world_camera,
             omitted=omitted,
         )

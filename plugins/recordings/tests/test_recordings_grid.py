@@ -1,0 +1,42 @@
+"""The grid is found in measured positions."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from omnilab_recordings.grid import find_grid
+from omnilab_recordings.positions import Positions
+
+
+def positions(xy_m, cells=None):
+    n = len(xy_m)
+    xyz = np.column_stack([xy_m, np.zeros(n)])
+    return Positions([f"{i}.png" for i in range(n)], xyz, np.zeros(n), cells, None)
+
+
+@settings(deadline=None)
+@given(
+    columns=st.integers(1, 12), rows=st.integers(1, 12), step=st.floats(0.05, 3), jitter=st.floats(0, 0.004),
+    origin=st.floats(-50, 50), seed=st.integers(0, 100),
+)  # fmt: skip
+def test_columns_and_rows_in_measured_positions(columns, rows, step, jitter, origin, seed):
+    rng = np.random.default_rng(seed)
+    cells = np.stack(np.divmod(rng.permutation(columns * rows), rows), -1)
+    xy_m = origin + step * cells + rng.uniform(-jitter, jitter, cells.shape)
+    grid = find_grid(positions(xy_m))
+    assert np.array_equal(grid.cells, cells)
+    expected = np.where([columns > 1, rows > 1], step, 0)
+    assert np.allclose(grid.spacing_m, expected, atol=2 * jitter + 1e-9)
+
+
+def test_a_missing_column_leaves_a_gap():
+    x = np.array([0, 0.3, 0.6, 1.2, 1.5])
+    grid = find_grid(positions(np.column_stack([x, 0 * x])))
+    assert grid.cells[:, 0].tolist() == [0, 1, 2, 4, 5]
+
+
+def test_scattered_positions_and_a_fine_line_are_no_grid():
+    rng = np.random.default_rng(3)
+    assert find_grid(positions(rng.uniform(0, 5, (30, 2)))) is None
+    assert find_grid(positions(np.column_stack([np.linspace(0, 1, 200), np.zeros(200)]))) is None
