@@ -75,6 +75,8 @@ class Folder:
             raise ConfigError(f"batch={self.batch} is no number of images; give 1 or more")
         if not math.isfinite(self.turned_deg):
             raise ConfigError(f"turned_deg={self.turned_deg} is no angle; give degrees")
+        if not self.pattern or Path(self.pattern).is_absolute() or ".." in Path(self.pattern).parts:
+            raise ConfigError(f"pattern={self.pattern!r} does not stay below the folder; give one such as **/*.png")
         if self.circle_px is not None:
             check_circle(self.circle_px)
 

@@ -15,9 +15,16 @@ LARGEST_FILE = 256 * 2**20  # bytes; OpenCV itself refuses more than 2^30 pixels
 
 
 def image_names(folder: Path, pattern: str) -> list[str]:
-    """Paths below the folder of the images that match a glob pattern; numbers in names count (img-2 before img-10)."""
-    files = (file for file in folder.glob(pattern) if file.suffix.lower() in SUFFIXES and file.is_file())
-    return sorted((file.relative_to(folder).as_posix() for file in files), key=_by_number)
+    """Paths below the folder of the images that match a glob pattern; numbers in names count (img-2 before img-10).
+
+    What is hidden (its name starts with a dot) is no image.
+    """
+    found = (file.relative_to(folder) for file in folder.glob(pattern) if file.suffix.lower() in SUFFIXES)
+    return sorted((name.as_posix() for name in found if not _hidden(name)), key=_by_number)
+
+
+def _hidden(name: Path) -> bool:
+    return any(part.startswith(".") for part in name.parts)
 
 
 def _by_number(name: str) -> tuple[list[str | int], str]:

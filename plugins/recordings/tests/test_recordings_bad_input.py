@@ -164,6 +164,7 @@ def test_images_elsewhere_below_the_folder_are_not_missed(write_recording):
     root = write_recording(blank(2), ["img-0.png,0,0", "img-1.png,1,0"])
     (root / "calibration").mkdir()
     cv2.imwrite(str(root / "calibration" / "board.png"), blank(1)[0])
+    (root / "._img-0.png").write_bytes(b"what another system keeps beside a file")
     assert len(Folder(root).plan(RecordedPoses())) == 2
 
 
@@ -239,7 +240,10 @@ def test_a_circle_beside_the_image(write_recording):
         read_all(Folder(write_recording(blank(1)), circle_px=[30, 8, 5]))
 
 
-@pytest.mark.parametrize("settings", [{"batch": 0}, {"turned_deg": float("nan")}])
+@pytest.mark.parametrize(
+    "settings",
+    [{"batch": 0}, {"turned_deg": float("nan")}, {"pattern": ""}, {"pattern": "/tmp/*"}, {"pattern": "../*.png"}],
+)
 def test_settings_that_cannot_be_meant(settings):
     with pytest.raises(ConfigError, match=next(iter(settings))):
         Folder("x", **settings)
