@@ -10,6 +10,7 @@ import numpy as np
 from foxglove_schemas_protobuf.Color_pb2 import Color
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
@@ -25,8 +26,8 @@ from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletio
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrimitive
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
-from google.protobuf.message import Message
-from google.protobuf.timestamp_pb2 import Timestamp
+from google.protobuf.message import Message  # type: ignore[import-untyped]
+from google.protobuf.timestamp_pb2 import Timestamp  # type: ignore[import-untyped]
 
 from omnilab import api
 from omnilab.api import Floats, Tick
@@ -34,7 +35,7 @@ from omnilab.geometry import planar_poses, quaternion_xyzw
 from omnilab.projection import encode
 from omnilab_mcap import schema
 
-WORLD = "world"
+WORLD, CAMERA = "world", "camera"
 LEVELS = {"INFO": Log.Level.INFO, "WARN": Log.Level.WARNING, "ERROR": Log.Level.ERROR}
 VERDICT_COLORS = {
     "nearest": Color(r=0.2, g=0.7, b=0.3, a=1.0),
@@ -54,13 +55,13 @@ def messages(record: api.Record, topic: str, tick: Tick) -> Topics:  # noqa: ARG
 @messages.register
 def image(record: api.Image, topic: str, tick: Tick) -> Topics:
     data = record.encoded or encode(record.pixels, record.format)
-    yield topic, CompressedImage(timestamp=stamp(tick), frame_id=frame(topic), data=data, format=record.format)
+    yield topic, CompressedImage(timestamp=stamp(tick), frame_id=CAMERA, data=data, format=record.format)
 
 
 @messages.register
 def signature(record: api.Signature, topic: str, tick: Tick) -> Topics:
     rows, columns = record.values.shape
-    picture = RawImage(timestamp=stamp(tick), frame_id=frame(topic), height=rows, width=columns, encoding="32FC1")
+    picture = RawImage(timestamp=stamp(tick), frame_id=CAMERA, height=rows, width=columns, encoding="32FC1")
     picture.step = 4 * columns
     picture.data = record.values.astype("<f4").tobytes()
     yield topic, picture
@@ -84,10 +85,10 @@ def distance_field(record: api.DistanceField, topic: str, tick: Tick) -> Topics:
 def pose(record: api.Pose, topic: str, tick: Tick) -> Topics:
     (at,) = poses(record.T_world_camera[None])
     yield topic, PoseInFrame(timestamp=stamp(tick), frame_id=WORLD, pose=at)
-    transform = FrameTransform(timestamp=stamp(tick), parent_frame_id=WORLD, child_frame_id=frame(topic))
-    transform.translation.x, transform.translation.y, transform.translation.z = record.T_world_camera[:3, 3].tolist()
-    transform.rotation.CopyFrom(at.orientation)
-    yield "/tf", transform
+    # Rerun looks for a picture of the frame X in X_image_plane, and shows nothing in 3-D while that hangs in the air
+    carrier = topic.split("/")[1]
+    plane = transform(carrier, f"{carrier}_image_plane", IDENTITY, tick)
+    yield "/tf", FrameTransforms(transforms=[transform(WORLD, carrier, at, tick), plane])
 
 
 @messages.register
@@ -106,10 +107,8 @@ def estimate(record: api.Estimate, topic: str, tick: Tick) -> Topics:
 def answers(record: api.Answers, topic: str, tick: Tick) -> Topics:
     verdicts = np.array(record.verdict)
     ends = np.stack([record.truth_m, record.answer_m], axis=1)
-    yield (
-        topic,
-        scene([lines(verdict, ends[verdicts == verdict], tick) for verdict in sorted(set(record.verdict))], tick),
-    )
+    entities = [lines(verdict, ends[verdicts == verdict], tick) for verdict in sorted(set(record.verdict))]
+    yield topic, scene(entities, tick)
 
 
 @messages.register
@@ -139,9 +138,15 @@ def stamp(tick: Tick) -> Timestamp:
     return Timestamp(seconds=seconds, nanos=nanos)
 
 
-def frame(topic: str) -> str:
-    """What carries the camera gives its frame the name: pictures and poses under `/camera` share the frame "camera"."""
-    return topic.split("/")[1]
+def transform(parent: str, child: str, pose: PoseMessage, tick: Tick) -> FrameTransform:
+    """Where a frame is in its parent."""
+    return FrameTransform(
+        timestamp=stamp(tick),
+        parent_frame_id=parent,
+        child_frame_id=child,
+        translation=pose.position,
+        rotation=pose.orientation,
+    )
 
 
 def points(position_m: Floats) -> list[Point3]:

@@ -5,7 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from foxglove_schemas_protobuf import Vector3_pb2
-from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
+from google.protobuf import (  # type: ignore[import-untyped]
+    descriptor_pb2,
+    descriptor_pool,
+    message_factory,
+    timestamp_pb2,
+)
 
 TIMESTAMP = timestamp_pb2.Timestamp.DESCRIPTOR
 VECTOR3 = Vector3_pb2.Vector3.DESCRIPTOR

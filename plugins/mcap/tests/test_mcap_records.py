@@ -82,15 +82,13 @@ def test_image_that_the_recorder_has_encoded(written):
 
 def test_pose_and_its_frame(topics):
     pose = only(topics, "/camera/pose", "foxglove.PoseInFrame")
-    transform = only(topics, "/tf", "foxglove.FrameTransform")
-    assert pose.frame_id == transform.parent_frame_id == "world"
-    assert transform.child_frame_id == "camera"
+    camera, plane = only(topics, "/tf", "foxglove.FrameTransforms").transforms
+    assert pose.frame_id == camera.parent_frame_id == "world"
+    assert camera.child_frame_id == plane.parent_frame_id == "camera"
+    assert xyz(pose.pose.position) == xyz(camera.translation) == [1, 2, 3]
+    assert (xyz(plane.translation), xyz(plane.rotation), plane.rotation.w) == ([0, 0, 0], [0, 0, 0], 1)
     half = math.sqrt(0.5)  # a quarter turn about +z: (0, 0, sin 45°, cos 45°)
-    for position, turn in [
-        (pose.pose.position, pose.pose.orientation),
-        (transform.translation, transform.rotation),
-    ]:
-        assert xyz(position) == [1, 2, 3]
+    for turn in pose.pose.orientation, camera.rotation:
         assert [turn.x, turn.y, turn.z, turn.w] == pytest.approx([0, 0, half, half])
 
 
