@@ -72,7 +72,7 @@ T = TypeVar("T")
 # ---------------------------------------------------------------------------------------------- what a sensor is asked
 @dataclass(frozen=True)
 class GridPoses:
-    """A regular grid of positions with one heading (0). Give `step_m`, or `every` n-th row and column of a recording."""
+    """A regular grid of positions, heading 0 (a recording: as it was). Give `step_m`, or `every` n-th row and column of a recording."""
 
     step_m: float | None = None
     every: int | None = None

@@ -20,7 +20,7 @@ from typing import Any
 from omnilab.api import Report
 from omnilab.errors import DataError
 
-RUNNING, DONE, FAILED, INTERRUPTED = "running", "done", "failed", "interrupted"
+RUNNING, DONE, FAILED, INTERRUPTED, KILLED = "running", "done", "failed", "interrupted", "killed"
 
 
 class Logbook:
@@ -146,6 +146,13 @@ class LoadedRun:
         return self._json("manifest.json")
 
     @cached_property
+    def config(self) -> dict[str, Any]:
+        """The resolved configuration."""
+        import yaml
+
+        return dict(yaml.safe_load((self.folder / "config.yaml").read_text(encoding="utf-8")))
+
+    @cached_property
     def metrics(self) -> dict[str, float]:
         """By name. Empty for a run that did not finish."""
         return {row["metric"]: float(row["value"]) for row in self.table("metrics")}
@@ -175,7 +182,7 @@ class LoadedRun:
     def state(self) -> str:
         """The status, where a run that says "running" but has no process was killed."""
         status = str(self.status["status"])
-        return "killed" if status == RUNNING and not self.alive else status
+        return KILLED if status == RUNNING and not self.alive else status
 
     def _json(self, name: str) -> dict[str, Any]:
         try:

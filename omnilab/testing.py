@@ -1,0 +1,230 @@
+"""Conformance checks for plugin authors: one call in a test, and a component is known to keep the contract.
+
+::
+
+    from omnilab.testing import check_descriptor
+
+    def test_mine():
+        check_descriptor(Mine())
+"""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Iterator
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from omnilab import api
+from omnilab.api import Bytes, Floats, Layout, Places, Signatures, Tick
+from omnilab.geometry import planar_poses
+from omnilab.projection import encode
+from omnilab.record import Recorder
+from omnilab.registry import check_component
+
+SIDE = 96  # of the pictures that descriptors are tried on
+
+
+def check_descriptor(descriptor: Any) -> None:
+    """Shape, type, finite, deterministic, batch equals one by one, rotation as declared, defined on black, pickles."""
+    _common("descriptor", descriptor)
+    images = _pictures(descriptor.view, descriptor.color)
+    first = descriptor.describe(images)
+    for part in (first.place, *([] if first.heading is None else [first.heading])):
+        _expect(len(part) == len(images), f"describes {len(images)} images as {len(part)} signatures")
+        _expect(part.dtype == np.float32, f"signatures are {part.dtype}, float32 is expected")
+        _expect(bool(np.isfinite(part).all()), "signatures hold NaN or infinity")
+    _expect(_same(first, descriptor.describe(images), 0), "the same images give other signatures the second time")
+    single = [descriptor.describe(images[i : i + 1]) for i in range(len(images))]
+    alone = Signatures(np.concatenate([s.place for s in single]))
+    _expect(_same(Signatures(first.place), alone, 1e-5), "a batch gives other signatures than its images one by one")
+    black = descriptor.describe(np.zeros_like(images))
+    _expect(bool(np.isfinite(black.place).all()), "black images give NaN or infinity")
+    _check_turn(descriptor, images, first)
+
+
+def _check_turn(descriptor: Any, images: Bytes, before: Signatures) -> None:
+    """A quarter turn of the camera moves pixels exactly, so what it does to signatures is known exactly."""
+    _expect(descriptor.turned in {"shifts", "same", "changes"}, f"turned={descriptor.turned!r} is not known")
+    if descriptor.turned == "changes":
+        return
+    if descriptor.view == "mirror":
+        turned = np.rot90(images, k=-1, axes=(1, 2))
+    else:
+        turned = np.roll(images, -images.shape[2] // 4, axis=2)
+    after = descriptor.describe(np.ascontiguousarray(turned))
+    expected = before.place
+    if descriptor.turned == "shifts":
+        samples = before.place.shape[-1]
+        _expect(samples % 4 == 0, f"{samples} angles hold no quarter turn; check a descriptor with a multiple of 4")
+        expected = np.roll(before.place, -samples // 4, axis=-1)
+    _expect(
+        _same(Signatures(expected), Signatures(after.place), 1e-3),
+        f"declares turned={descriptor.turned!r}, but a quarter turn to the left does something else",
+    )
+
+
+def check_distance(distance: Any, signatures: Signatures | None = None) -> None:
+    """Shapes, finite, deterministic, chunks agree, a place is nearest to itself, rotations as they should be."""
+    _common("distance", distance)
+    places = signatures or Signatures(_smooth(np.random.default_rng(5), (12, 24, 36)).astype(np.float32))
+    index = distance.prepare(places)
+    match = distance.match(places, index)
+    count = len(places)
+    _expect(match.distance.shape == (count, count), f"distances have shape {match.distance.shape}, not (Q, P)")
+    _expect(bool(np.isfinite(match.distance).all()), "distances hold NaN or infinity")
+    itself = match.distance.argmin(axis=1)
+    _expect(bool((itself == np.arange(count)).all()), "a place is not the nearest to itself")
+    again = distance.match(places[:5], index)
+    _expect(bool(np.allclose(again.distance, match.distance[:5], rtol=1e-4, atol=1e-4 * match.distance.max())),
+            "a part of the queries gives other distances than all of them")  # fmt: skip
+    blank = distance.match(Signatures(np.zeros_like(places.place)), index)
+    _expect(bool(np.isfinite(blank.distance).all()), "signatures of zeros give NaN or infinity")
+    if match.rotation_rad is not None:
+        _check_rotation(distance, places, index)
+
+
+def _check_rotation(distance: Any, places: Signatures, index: Any) -> None:
+    samples = places.place.shape[-1]
+    for shift in (0, 1, samples // 3, samples - 1):
+        turned = Signatures(np.roll(places.place, -shift, axis=-1))  # the camera turned to the left by `shift` samples
+        rotation = distance.match(turned, index).rotation_rad.diagonal()
+        error = np.angle(np.exp(1j * (rotation - 2 * np.pi * shift / samples)))
+        _expect(bool((np.abs(error) < np.pi / samples).all()),
+                f"a turn by {shift} of {samples} samples is answered with {np.rad2deg(rotation)} degrees")  # fmt: skip
+        _expect(bool((rotation >= -np.pi).all() and (rotation < np.pi).all()), "rotations leave [-pi, pi)")
+
+
+class _PositionDistance:
+    """Signatures that are positions: what a localizer should do with them is plain."""
+
+    def prepare(self, places: Signatures) -> Floats:
+        return places.place
+
+    def match(self, queries: Signatures, index: Floats) -> api.Match:
+        apart = np.linalg.norm(queries.place[:, None] - index[None], axis=-1).astype(np.float32)
+        return api.Match(apart, np.zeros_like(apart))
+
+
+def check_localizer(localizer: Any) -> None:
+    """Shapes, deterministic, a place is found where it is, batch equals one by one."""
+    _common("localizer", localizer)
+    x, y = np.meshgrid(np.arange(5.0), np.arange(4.0))
+    position_m = np.stack([x.ravel(), y.ravel(), np.ones(20)], axis=1)
+    signatures = Signatures(position_m.astype(np.float32))
+    places = Places(signatures, planar_poses(position_m), [str(i) for i in range(20)])
+    index = localizer.prepare(places, _PositionDistance())
+    found = localizer.locate(signatures, index)
+    _expect(found.position_m.shape == (20, 3), f"positions have shape {found.position_m.shape}, not (Q, 3)")
+    _expect(bool((found.place == np.arange(20)).all()), "a place is not recognised as itself")
+    single = np.concatenate([localizer.locate(signatures[i : i + 1], index).position_m for i in range(20)])
+    _expect(bool(np.allclose(single, found.position_m)), "a batch gives other positions than its queries one by one")
+
+
+def check_sensor(sensor: Any, layout: Layout) -> None:
+    """A plan as long as its frames, in its order; shapes; deterministic; a part of a plan gives the same images."""
+    _common("sensor", sensor)
+    plan = sensor.plan(layout)
+    _expect(len(plan) > 0, "the layout has no frames, so nothing can be checked")
+    _expect(plan.T_world_camera is None or plan.T_world_camera.shape == (len(plan), 4, 4), "poses are not (N, 4, 4)")
+    _expect(list(plan.keys) == list(sensor.plan(layout).keys), "the same layout is planned otherwise the second time")
+    batches = list(sensor.frames(plan))
+    order = np.concatenate([b.plan_index for b in batches])
+    _expect(bool((np.diff(order) > 0).all()), "frames do not come in the plan's order")
+    _expect(len(order) + sum(len(b.omitted) for b in batches) == len(plan), "frames are missing without a word")
+    for batch in batches:
+        _expect(batch.images.dtype == np.uint8, f"images are {batch.images.dtype}, uint8 is expected")
+        _expect(batch.images.shape[1:3] == (batch.camera.height, batch.camera.width), "the camera has another size")
+        _expect(len(batch.keys) == len(batch.stamps_ns) == len(batch), "keys, stamps and images differ in number")
+    part = next(iter(sensor.frames(plan.at([int(order[-1])]))))
+    _expect(np.array_equal(part.images[0], batches[-1].images[-1]), "the last frame looks otherwise when asked alone")
+    _expect(part.keys[0] == batches[-1].keys[-1], "the last frame has another key when asked alone")
+
+
+def check_sink(sink: Any, folder: Path) -> None:
+    """Takes every record, with and without a tick; completes its files; a whole run needs no repair; pickles."""
+    _common("sink", sink)
+    sink.open(folder)
+    for path, record, tick in sample_records():
+        sink.write(path, record, tick)
+        sink.flush()
+    sink.close()
+    _expect(sink.repair(folder) is None, "a run that ended well is said to need repair")
+    pickle.loads(pickle.dumps(sink))  # noqa: S301  our own bytes
+
+
+def check_study(study: Any, parts: api.Parts) -> None:
+    """Names parts there are; the same seed gives the same metrics, bit for bit, and every metric has one name."""
+    _common("study", study)
+    known = {f.name for f in fields(api.Parts)}
+    _expect(set(study.needs) <= known, f"needs {sorted(set(study.needs) - known)}, there is {sorted(known)}")
+    first, second = (study.run(parts, Recorder(), np.random.default_rng(7)) for _ in range(2))
+    names = [metric.name for metric in first.metrics]
+    _expect(len(names) == len(set(names)) > 0, f"the metrics {names} are none or not unique")
+    _expect(list(first.metrics) == list(second.metrics), "the same seed gives other metrics the second time")
+    for name, table in first.tables.items():
+        _expect(len({len(column) for column in table.values()}) <= 1, f"the columns of table '{name}' differ in length")
+
+
+def sample_records() -> Iterator[tuple[str, api.Record, Tick | None]]:
+    """One record of every kind, with made-up but sound content."""
+    rng = np.random.default_rng(3)
+    picture = rng.integers(0, 255, (16, 24, 3), dtype=np.uint8)
+    position_m = rng.uniform(-1, 1, (9, 3))
+    steps = np.arange(4)
+    tick = Tick(3, 300_000_000)
+    panel = api.Panel("image", "Camera", ("camera/image",))
+    yield "", api.ViewLayout(((panel,),)), None
+    yield "room", api.Mesh(position_m[:3], np.array([[0, 1, 2]]), picture[0, :3]), None
+    yield "places", api.PlaceMap(position_m, rng.uniform(-3, 3, 9)), None
+    yield "camera/image", api.Image(picture, "png", encode(picture, "png")), tick
+    yield "camera", api.Pose(planar_poses([[1.0, 2.0, 3.0]], np.pi / 2)[0]), tick
+    yield "signature", api.Signature(rng.random((5, 7), dtype=np.float32)), tick
+    yield "distances", api.DistanceField(position_m, rng.random(9, dtype=np.float32)), tick
+    yield "estimate", api.Estimate(position_m[0], position_m[1], "wrong", 0.5, None), tick
+    yield "answers", api.Answers(position_m, position_m[::-1], ["nearest"] * 8 + ["wrong"]), None
+    yield "error", api.Series(rng.random(4), steps, steps * 100_000_000, "m"), None
+    yield "log", api.Text("a line", "WARN"), tick
+    yield "summary", api.Text("# Title", markdown=True), None
+    yield "progress", api.Progress("places", 3, 9), None
+
+
+def _common(kind: str, component: Any) -> None:
+    """A dataclass with the Protocol's members, documented, that survives pickling."""
+    cls = type(component)
+    check_component(kind, cls.__name__.lower(), cls)
+    manual = str(cls.__doc__)
+    _expect(not manual.startswith(f"{cls.__name__}("), f"{cls.__name__} has no docstring, and that is its manual")
+    _expect(pickle.loads(pickle.dumps(component)) == component, "does not survive pickling")  # noqa: S301  our own
+
+
+def _pictures(view: str, color: bool) -> Bytes:
+    """Six smooth random pictures."""
+    shape = (6, SIDE, SIDE) if view == "mirror" else (6, SIDE // 2, 2 * SIDE)
+    rng = np.random.default_rng(11)
+    layers = [np.clip(128 + 60 * _smooth(rng, shape), 0, 255).astype(np.uint8) for _ in range(3 if color else 1)]
+    return np.stack(layers, axis=-1) if color else layers[0]
+
+
+def _smooth(rng: np.random.Generator, shape: tuple[int, int, int]) -> Floats:
+    """Periodic noise (N, rows, columns) of unit variance whose spectrum falls off like 1 / frequency."""
+    spectrum = np.fft.fft2(rng.standard_normal(shape))
+    fy, fx = np.fft.fftfreq(shape[1])[:, None], np.fft.fftfreq(shape[2])[None, :]
+    spectrum /= np.hypot(fy, fx) + 0.05
+    noise = np.fft.ifft2(spectrum).real
+    return np.asarray(noise / noise.std(axis=(1, 2), keepdims=True))
+
+
+def _same(one: Signatures, other: Signatures, tolerance: float) -> bool:
+    scale = float(np.abs(one.place).max()) or 1.0
+    return one.place.shape == other.place.shape and bool(
+        np.allclose(one.place, other.place, rtol=tolerance, atol=tolerance * scale)
+    )
+
+
+def _expect(good: bool, message: str) -> None:
+    if not good:
+        raise AssertionError(message)
