@@ -1,0 +1,89 @@
+"""Runs of the command line, apart from one another: in a process of their own, or in this one with its state put back."""
+
+from __future__ import annotations
+
+import logging
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from hydra.core.config_store import ConfigStore
+from hydra.core.global_hydra import GlobalHydra
+
+from omnilab.cli import main
+from omnilab.registry import KINDS
+
+SCRIPT = Path(sys.executable).with_name("omnilab")
+
+
+class Result(NamedTuple):
+    """What a command left: its exit code and what it printed."""
+
+    rc: int
+    stdout: str
+    stderr: str
+
+
+@pytest.fixture(autouse=True)
+def _state(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Every test starts without OMNILAB_PLUGINS and without components in Hydra's store, and leaves no trace."""
+    monkeypatch.delenv("OMNILAB_PLUGINS", raising=False)
+    monkeypatch.setattr(sys, "argv", sys.argv)
+    modules, level = set(sys.modules), logging.getLogger("omnilab").level
+    yield
+    for kind in KINDS:
+        ConfigStore.instance().repo.pop(kind, None)
+    GlobalHydra.instance().clear()
+    os.environ.pop("HYDRA_FULL_ERROR", None)  # every experiment sets it
+    logging.getLogger("omnilab").setLevel(level)
+    for name in set(sys.modules) - modules:
+        if name.startswith("omnilab_file_"):
+            del sys.modules[name]
+
+
+@pytest.fixture(scope="session")
+def omnilab_in() -> Callable[..., Result]:
+    """`omnilab_in(folder, *arguments, env={...}, timeout=120)`: the installed command, in a process of its own."""
+
+    def run(folder: Path, *arguments: str, env: Mapping[str, str] | None = None, timeout: float = 120) -> Result:
+        clean = {name: value for name, value in os.environ.items() if name != "OMNILAB_PLUGINS"}
+        done = subprocess.run(
+            [SCRIPT, *arguments],
+            cwd=folder,
+            env=clean | dict(env or {}),
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+            check=False,
+        )
+        return Result(done.returncode, done.stdout, done.stderr)
+
+    return run
+
+
+@pytest.fixture
+def omnilab(omnilab_in: Callable[..., Result], tmp_path: Path) -> Callable[..., Result]:
+    """`omnilab(*arguments, env={...}, timeout=120)`: the installed command in tmp_path."""
+    return partial(omnilab_in, tmp_path)
+
+
+@pytest.fixture
+def omnilab_here(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., Result]:
+    """`omnilab_here(*arguments)`: the command in tmp_path and in this process, quick; for what needs no signals."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: str) -> Result:
+        with pytest.raises(SystemExit) as end:
+            main(arguments)
+        out, err = capsys.readouterr()
+        assert isinstance(end.value.code, int)
+        return Result(end.value.code, out, err)
+
+    return run
