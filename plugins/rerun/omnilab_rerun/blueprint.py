@@ -39,17 +39,17 @@ def blueprint(layout: ViewLayout, extents: Extents) -> rrb.Blueprint:
 def _view(panel: Panel, extents: Extents) -> rrb.View:
     if panel.kind not in VIEWS:
         raise ConfigError(f"panel {panel.title!r} is of kind {panel.kind!r}; give one of {', '.join(VIEWS)}")
-    contents = [f"+ {_absolute(path)}/**" for path in panel.contents]
+    contents = [f"+ {absolute(path)}/**" for path in panel.contents]
     if panel.kind == "map" and len(panel.contents) > 1:
         # a distance field is drawn as a surface where it is alone, and as coloured dots among other things
-        contents += [f"- {_absolute(path)}/surface" for path in panel.contents]
+        contents += [f"- {absolute(path)}/surface" for path in panel.contents]
     return VIEWS[panel.kind](name=panel.title, contents=contents, **_look(panel, extents))
 
 
 def _look(panel: Panel, extents: Extents) -> dict[str, Any]:
     match panel.kind:
         case "map":
-            known = [extents[path] for path in panel.contents if path in extents]
+            known = [extents[path] for path in map(absolute, panel.contents) if path in extents]
             return {"background": BACKGROUND, "line_grid": False, "eye_controls": _eye(known) if known else None}
         case "plot":
             return {"plot_legend": rrb.PlotLegend(rrb.Corner2D.RightTop)}
@@ -66,5 +66,6 @@ def _eye(corners: Sequence[Floats]) -> rrb.EyeControls3D:
     return rrb.EyeControls3D(position=center + away, look_target=center)
 
 
-def _absolute(path: str) -> str:
+def absolute(path: str) -> str:
+    """The entity of a record's path, which may or may not begin with a slash."""
     return "/" + path.strip("/")

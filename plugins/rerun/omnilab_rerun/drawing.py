@@ -114,16 +114,13 @@ def _triangles(xy: bytes) -> Ints:
 
 def _estimate(estimate: Estimate, spacing_m: float) -> list[rr.AsComponents]:
     """Truth and answer with their headings, and a line between them unless the answer is the nearest place."""
-    color = VERDICT[estimate.verdict]
     ends = np.stack([estimate.truth_m, estimate.answer_m])
-    heading = [estimate.truth_heading_rad]
-    if estimate.answer_heading_rad is not None:
-        heading.append(estimate.answer_heading_rad)
-    colors = [TRUTH, color]
+    heading = [h for h in (estimate.truth_heading_rad, estimate.answer_heading_rad) if h is not None]
+    colors = [TRUTH, VERDICT[estimate.verdict]]
     return [
         rr.Points3D(ends, radii=0.6 * spacing_m, colors=colors),
         _arrows(ends[: len(heading)], np.array(heading), 4 * spacing_m, colors[: len(heading)]),
-        _lines(ends[None], [estimate.verdict], spacing_m),
+        _lines(ends[None], [estimate.verdict], 0.2 * spacing_m),
     ]
 
 
@@ -133,14 +130,14 @@ def _answers(answers: Answers, spacing_m: float) -> list[rr.AsComponents]:
     ends = np.stack([answers.truth_m, answers.answer_m], 1)
     return [
         rr.Points3D(answers.truth_m, radii=0.12 * spacing_m, colors=colors),
-        _lines(ends, answers.verdict, spacing_m),
+        _lines(ends, answers.verdict, 0.06 * spacing_m),
     ]
 
 
-def _lines(ends_m: Floats, verdicts: Sequence[str], spacing_m: float) -> rr.LineStrips3D:
+def _lines(ends_m: Floats, verdicts: Sequence[str], radius_m: float) -> rr.LineStrips3D:
     shown = np.asarray(verdicts) != "nearest"
     colors = [VERDICT[verdict] for verdict in np.asarray(verdicts)[shown]]
-    return rr.LineStrips3D(ends_m[shown], radii=0.2 * spacing_m, colors=colors)
+    return rr.LineStrips3D(ends_m[shown], radii=radius_m, colors=colors)
 
 
 def _pose(pose: Pose, spacing_m: float) -> list[rr.AsComponents]:

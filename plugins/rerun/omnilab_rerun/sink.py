@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     import rerun as rr
 
 FILE = "run.rrd"
+FLUSH_TIMEOUT_S = 20.0
 
 
 @dataclass
@@ -23,28 +25,32 @@ class RerunSink:
     """Writes `run.rrd`, which the Rerun viewer shows in the study's own layout; on request also while the run goes on.
 
     Records without a tick are static. The others lie on the timelines `step` (the study's) and `sensor_time` (the
-    sensor's clock); Rerun adds `log_time`.
+    sensor's clock); Rerun adds `log_time`. The layout is sent with the first record that has a tick: meshes and places
+    logged before it decide from where its maps are seen.
     """
 
-    live: bool = (
-        False  # serve the run on loopback while it goes on: `rerun --connect rerun+http://127.0.0.1:PORT/proxy`
-    )
+    live: bool = False  # serve the run on loopback while it goes on; `rerun --connect` shows it
     port: int = 9876  # of the live server
-    application_id: str = "omnilab"  # recordings of one application share what was rearranged in the viewer
 
     def __post_init__(self) -> None:
         if not 0 < self.port < 65536:
             raise ConfigError(f"port={self.port} is no port; give a number from 1 to 65535")
-        self._spacing_m = 0.2  # what is drawn is as large as the map is fine
 
     def open(self, folder: Path) -> None:
-        """Start `run.rrd`; OSError if it cannot be written, ConfigError if the live port is taken."""
+        """Start `run.rrd`; OSError if it cannot be written, ConfigError if the live port is taken.
+
+        The viewer lists the recording under the folder that holds the run's: one experiment's runs share a layout.
+        """
         import rerun as rr
 
+        from omnilab_rerun.drawing import LONE_M
+
         (folder / FILE).open("wb").close()  # rerun's own error names no path
-        self._stream = rr.RecordingStream(self.application_id, recording_id=folder.resolve().name)
+        run = folder.resolve()
+        self._stream = rr.RecordingStream(run.parent.name, recording_id=run.name)
         self._stream.set_sinks(rr.FileSink(folder / FILE), *self._server())
         self._at(Tick(0, 0))
+        self._spacing_m = LONE_M
         self._curves: set[str] = set()
         self._extents: dict[str, Floats] = {}
         self._layout: ViewLayout | None = None
@@ -63,25 +69,29 @@ class RerunSink:
         return [rr.GrpcServerSink(bind_ip=LOOPBACK, port=self.port)]
 
     def write(self, path: str, record: Record, tick: Tick | None) -> None:
-        """Draw one record. Log lines without a tick go where the run is, for a static one would replace the last."""
-        from omnilab_rerun.drawing import draw
-
+        """Take one record."""
         if tick is not None:
             self._at(tick)
+            self._lay_out()
         match record:
             case Progress():
                 return
             case ViewLayout():
                 self._layout = record
-                self._lay_out()
             case Series():
                 self._send_curve(path, record)
             case _:
                 if isinstance(record, PlaceMap | Mesh):
                     self._measure(path, record)
-                static = tick is None and not (isinstance(record, Text) and not record.markdown)
-                for part, archetypes in draw(record, self._spacing_m):
-                    self._stream.log(path + part, *archetypes, static=static, strict=True)
+                self._draw(path, record, static=tick is None)
+
+    def _draw(self, path: str, record: Record, static: bool) -> None:
+        from omnilab_rerun.drawing import draw
+
+        if isinstance(record, Text) and not record.markdown:
+            static = False  # a static line would replace the last one: it goes where the run is
+        for part, archetypes in draw(record, self._spacing_m):
+            self._stream.log(path + part, *archetypes, static=static, strict=True)
 
     def _at(self, tick: Tick) -> None:
         self._stream.set_time("step", sequence=tick.step)
@@ -89,20 +99,22 @@ class RerunSink:
 
     def _measure(self, path: str, record: PlaceMap | Mesh) -> None:
         """Remember how large the world and how fine the map is, for the eye and for what is drawn."""
+        from omnilab_rerun.blueprint import absolute
         from omnilab_rerun.drawing import spacing_m
 
         points = record.vertices_m if isinstance(record, Mesh) else record.position_m
         if isinstance(record, PlaceMap):
             self._spacing_m = spacing_m(points)
-        if path not in self._extents and len(points):
-            self._extents[path] = np.stack([np.min(points, 0), np.max(points, 0)])
-            self._lay_out()
+        if absolute(path) not in self._extents and len(points):
+            self._extents[absolute(path)] = np.stack([np.min(points, 0), np.max(points, 0)])
 
     def _lay_out(self) -> None:
+        """Send the layout, once: of several, mending a torn file would pick any."""
         from omnilab_rerun.blueprint import blueprint
 
         if self._layout is not None:
             self._stream.send_blueprint(blueprint(self._layout, self._extents))
+            self._layout = None
 
     def _send_curve(self, path: str, series: Series) -> None:
         import rerun as rr
@@ -120,16 +132,23 @@ class RerunSink:
     def flush(self) -> None:
         """Hand everything to the operating system; DataError if the file takes no more."""
         try:
-            self._stream.flush()
+            self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
         except RuntimeError as error:
+            self._abandon()
             raise DataError(f"{FILE} takes no more records ({error}); make room on the disk") from error
 
     def close(self) -> None:
         """Write the footer."""
-        try:
-            self.flush()
-        finally:
-            self._stream.disconnect()
+        self._lay_out()
+        self.flush()
+        self._stream.disconnect()
+
+    def _abandon(self) -> None:
+        """Let go of a stream whose file cannot be written: rerun waits for its dead writer, even when Python ends."""
+        import rerun as rr
+
+        rr.unregister_shutdown()
+        threading.Thread(target=self._stream.disconnect, daemon=True).start()
 
     def repair(self, folder: Path) -> str | None:
         """Drop a torn tail of `run.rrd` and write its footer; None if it was complete or is not there."""

@@ -10,17 +10,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-import numpy as np
 from rerun.chunk import RrdReader
 from rerun.experimental import ViewerClient
 
 from omnilab.errors import DataError
-from omnilab_rerun.binary import binary, quiet_environment
+from omnilab_rerun.binary import binary, complaint, quiet_environment
 from omnilab_rerun.ports import LOOPBACK, free_port
 
 START_TIMEOUT_S = 60.0
-TOAST_S = 2.5  # the viewer greets with a note that fades
-SETTLE_TRIES = 20  # and decodes images over several frames
+SETTLE_S = 0.5  # images are decoded over several frames
+SETTLE_TRIES = 20
 
 
 def show(recording: Path) -> None:
@@ -30,7 +29,7 @@ def show(recording: Path) -> None:
     ended = subprocess.run(call, env=quiet_environment(), stderr=subprocess.PIPE, text=True, check=False)
     if ended.returncode:
         raise DataError(
-            f"the Rerun viewer ended with code {ended.returncode} ({_reason(ended.stderr)}); without a display take a"
+            f"the Rerun viewer ended with code {ended.returncode} ({complaint(ended.stderr)}); without a display take a"
             " picture instead: omnilab view --screenshot FILE"
         )
 
@@ -38,11 +37,12 @@ def show(recording: Path) -> None:
 def take_picture(recording: Path, picture: Path, step: int | None, size: tuple[int, int]) -> None:
     """Show a step of the recording in a viewer without a window, and write what is seen as a PNG."""
     _exists(recording)
+    picture.parent.mkdir(parents=True, exist_ok=True)
     step = last_step_with_image(recording) if step is None else step
     with _headless_viewer(recording, size) as client:
         client.run_command("ui.toggle_top_panel")
-        client.set_time("step", sequence=step, play_state="paused")
-        time.sleep(TOAST_S)
+        if step is not None:
+            client.set_time("step", sequence=step, play_state="paused")
         picture.write_bytes(_settled(client, max(size)))
 
 
@@ -50,20 +50,21 @@ def _settled(client: ViewerClient, longest: int) -> bytes:
     """A picture that the next one does not differ from."""
     last = b""
     for _ in range(SETTLE_TRIES):
+        time.sleep(SETTLE_S)
         last, before = client.take_screenshot(max_size=longest), last
         if last == before:
             break
     return last
 
 
-def last_step_with_image(recording: Path) -> int:
-    """The last step at which an image was logged; 0 if there is none."""
-    steps = [0]
-    for chunk in RrdReader(recording).stream().to_chunks():
-        batch = chunk.to_record_batch()
-        if "step" in batch.schema.names and any("EncodedImage:blob" in name for name in batch.schema.names):
-            steps.append(int(np.max(batch.column("step").to_numpy(zero_copy_only=False))))
-    return max(steps)
+def last_step_with_image(recording: Path) -> int | None:
+    """The last step at which an image was logged, if any was."""
+    try:
+        chunks = RrdReader(recording).stream().filter(has_timeline="step", components="EncodedImage:blob").to_chunks()
+    except RuntimeError as error:
+        raise DataError(f"{recording} cannot be read ({error}); mend it: omnilab repair {recording.parent}") from error
+    steps = (max(chunk.to_record_batch().column("step").to_pylist()) for chunk in chunks)
+    return max(steps, default=None)
 
 
 @contextmanager
@@ -72,12 +73,13 @@ def _headless_viewer(recording: Path, size: tuple[int, int]) -> Iterator[ViewerC
     options = ["--headless", "--hide-welcome-screen", "--window-size", f"{size[0]}x{size[1]}"]
     call = [binary(), str(recording), *options, "--bind", LOOPBACK, "--port", str(port)]
     with tempfile.TemporaryFile("w+") as log:
-        viewer = subprocess.Popen(call, env=quiet_environment(), stdout=log, stderr=log)
+        # what it logs below an error it also shows on top of the picture
+        viewer = subprocess.Popen(call, env=quiet_environment() | {"RUST_LOG": "error"}, stdout=log, stderr=log)
         try:
             yield _connected(viewer, port, log)
         finally:
-            viewer.terminate()
-            viewer.wait(10)
+            viewer.kill()
+            viewer.wait()
 
 
 def _connected(viewer: subprocess.Popen[bytes], port: int, log: IO[str]) -> ViewerClient:
@@ -105,12 +107,7 @@ def _no_viewer(code: int, log: str) -> DataError:
             "the Rerun viewer found no Vulkan driver to draw with; install one, on Debian or Ubuntu:"
             " apt-get install mesa-vulkan-drivers"
         )
-    return DataError(f"the Rerun viewer ended with code {code} ({_reason(log)}); run `rerun` by hand to see why")
-
-
-def _reason(log: str) -> str:
-    lines = [line for line in log.splitlines() if "rror" in line or "panic" in line]
-    return (lines or [log.strip().rpartition("\n")[-1]])[0].strip()
+    return DataError(f"the Rerun viewer ended with code {code} ({complaint(log)}); run `rerun` by hand to see why")
 
 
 def _exists(recording: Path) -> None:

@@ -64,3 +64,8 @@ def recorded(tmp_path: Path) -> Callable[[Sequence[Entry]], Recording]:
         return Recording(tmp_path / "run.rrd")
 
     return record
+
+
+@pytest.fixture
+def read() -> Callable[[Path], Recording]:
+    return Recording
