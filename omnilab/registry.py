@@ -7,7 +7,6 @@ besides the installed plugins, ``-name`` leaves an installed plugin out, ``none`
 
 from __future__ import annotations
 
-import dataclasses
 import difflib
 import importlib.util
 import os
@@ -72,12 +71,12 @@ class Failure:
     """A plugin that could not be used, and why."""
 
     plugin: Plugin
-    error: Exception
+    error: Exception | SystemExit
 
     @property
     def sentence(self) -> str:
         cause = f"{type(self.error).__name__}: {self.error}" if not isinstance(self.error, PluginError) else self.error
-        return f"{self.plugin.title} not loaded: {cause}"
+        return f"{self.plugin.title} not loaded: {' '.join(str(cause).split())}"
 
     @property
     def traceback(self) -> str:
@@ -127,7 +126,7 @@ def discover(select: str | None = None) -> Registry:
                 _check_free(component, registry)
             for component in components:
                 _store(component)
-        except Exception as error:  # noqa: BLE001  whatever a plugin does wrong must not stop the others
+        except (Exception, SystemExit) as error:  # noqa: BLE001  what a plugin does wrong must not stop the others
             registry.failures.append(Failure(plugin, error))
         else:
             registry.components.update({(c.kind, c.name): c for c in components})
@@ -188,6 +187,8 @@ def _load(plugin: Plugin) -> list[Component]:
             components[kind, name] = Component(kind, name, cls, plugin)
 
         getattr(manager.hook, hook)(register=register)
+    if not components:
+        raise PluginError(f"it registers nothing; mark a function with @hookimpl, one of {', '.join(HOOKS.values())}")
     return list(components.values())
 
 
@@ -195,7 +196,7 @@ def check_component(kind: str, name: str, cls: type[Any]) -> None:
     """PluginError if a class cannot serve as a component of that kind under that name."""
     if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
         raise PluginError(f"{kind} '{name}' has an unusable name; use lower case letters, digits and _")
-    if not dataclasses.is_dataclass(cls):
+    if "__dataclass_fields__" not in getattr(cls, "__dict__", {}):  # neither an instance nor a class that inherits them
         raise PluginError(f"{kind} '{name}' is {cls!r}; register a class with @dataclass")
     lacking = [member for member in members(KINDS[kind]) if not hasattr(cls, member)]
     if lacking:
