@@ -66,6 +66,8 @@ def build(config: DictConfig, registry: Registry) -> Run:
         _check_slot(f"sinks.{name}", "sink", sink, registry)
     if run.threads < 1:
         raise ConfigError(f"threads={run.threads} cannot compute anything; give threads=1 or more")
+    if run.seed < 0:
+        raise ConfigError(f"seed={run.seed} starts no random numbers; give seed=0 or more")
     lacking = [slot for slot in run.study.needs if getattr(run, slot) is None]
     if lacking:
         options = "; ".join(f"{slot}={'|'.join(registry.names(slot))}" for slot in lacking)
