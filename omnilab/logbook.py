@@ -39,8 +39,8 @@ class Logbook:
             raise DataError(
                 f"the run folder {self.folder} cannot be written ({error.strerror}); give logs=DIR"
             ) from error
-        self.status(RUNNING)
         _write_json(self.folder / "manifest.json", manifest)
+        self.status(RUNNING)  # makes it a run: the rest is there
         if latest is not None:
             point_latest(latest, self.folder)
         self._handler = logging.FileHandler(self.folder / "run.log", encoding="utf-8")
