@@ -19,7 +19,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from omnilab.errors import ConfigError, OmnilabError
+from omnilab.errors import ConfigError, DataError, OmnilabError
 from omnilab.logbook import FAILED, Logbook, new_folder_name, origin, write_summary
 from omnilab.registry import Registry
 from omnilab.run import Run, build, execute
@@ -45,6 +45,8 @@ def experiment(argv: list[str], registry: Registry) -> int:
         hydra.main(version_base="1.3", config_path="pkg://omnilab.conf", config_name="config")(task)()
     except (HydraException, OmegaConfBaseException) as error:
         raise ConfigError(sentence(error, registry)) from error
+    except OSError as error:  # Hydra makes the run's folder; where a run itself fails, run.log has the traceback
+        raise DataError(f"{error.filename} cannot be used ({error.strerror}); mend that, or give logs=DIR") from error
     except ValueError as error:
         if "Config group override" not in str(error):
             raise
@@ -119,7 +121,7 @@ class Summary:
 def sentence(error: Exception, registry: Registry) -> str:
     """What Hydra and OmegaConf say, as one sentence with a suggestion."""
     text = f"{error}\n{error.__cause__ or ''}"
-    if found := re.search(r"Could not find '(\w+)/([^']+)'", text):
+    if found := re.search(r"Could not find '(\w+)/([^']*)'", text):
         return _missing_choice(found[1], found[2], text, registry)
     if found := re.search(r"Key '(\w+)' (?:is )?not in '(\w+)'", text):
         return _missing_key(found[1], found[2], text, registry)
