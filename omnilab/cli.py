@@ -121,6 +121,8 @@ def repeat(argv: list[str]) -> int:
 
     registry = discover_loudly()
     first = load_run(options.run)
+    if "components" not in first.manifest:
+        raise DataError(f"{options.run} could not be built, so there is nothing to repeat: {first.status.get('error')}")
     run = again(first.config, first.manifest, registry)
     name = str(first.manifest["experiment"])
     folder = Path(run.logs) / name / new_folder_name()
