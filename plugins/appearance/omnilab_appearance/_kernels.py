@@ -8,7 +8,7 @@ import numba as nb
 import numpy as np
 
 
-@nb.njit(parallel=True, cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@nb.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
 def line_sums(padded, cos, sin, center):  # type: ignore[no-untyped-def]
     """Sums (M, n, N) of bilinear samples along the lines of images (n + 4, n + 4, N) with a frame of two zeros."""
     n = padded.shape[0] - 4

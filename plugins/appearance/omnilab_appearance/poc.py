@@ -20,7 +20,7 @@ class Poc:
     """Phase-only correlation over all shifts, 1 - max C (Berenguer, thesis, eq. 2.12-2.14, 4.2).
 
     Signatures are matrices whose last axis shifts as the camera turns. The peak's shift along that axis, refined
-    between samples by a parabola through its neighbours, gives the rotation; the shift along the other axis is free.
+    between samples (Foroosh et al., 2002), gives the rotation; the shift along the other axis is free.
     """
 
     def prepare(self, places: Signatures) -> tuple[Spectra, tuple[int, int]]:
@@ -71,7 +71,18 @@ def highest(surfaces: Floats) -> tuple[Floats, Floats]:
     every = np.arange(count)
     peak = surfaces[every, row, column]
     before, after = surfaces[every, row, column - 1], surfaces[every, row, (column + 1) % columns]
-    return peak, column + vertex(before, peak, after)
+    return peak, column + between(before, peak, after)
+
+
+def between(before: Floats, peak: Floats, after: Floats) -> Floats:
+    """Where between -0.5 and 0.5 a phase correlation peaks, the middle of three samples being the highest.
+
+    The correlation of two shifted copies is a sinc, of which the two highest samples tell the place (Foroosh, Zerubia
+    and Berthod, 2002); a parabola would pull it to the middle by up to 0.2 samples.
+    """
+    higher = np.maximum(np.maximum(before, after), 0)
+    share = np.divide(higher, higher + peak, out=np.zeros_like(peak), where=higher + peak > 0)
+    return np.asarray(np.where(after > before, share, -share))
 
 
 def vertex(before: Floats, peak: Floats, after: Floats) -> Floats:

@@ -54,7 +54,7 @@ class Radon:
 
 
 def shrink(images: Bytes, size: int) -> Floats:
-    """Images (N, S, S) as (size, size, N) float32, zero outside the inscribed circle. The batch comes last."""
+    """Images (N, S, S) as (size, size, N) float32, fading to zero at the inscribed circle. The batch comes last."""
     import cv2
 
     fine = images.astype(np.float32)
@@ -62,9 +62,18 @@ def shrink(images: Bytes, size: int) -> Floats:
         how = cv2.INTER_AREA if images.shape[1] > size else cv2.INTER_LINEAR
         fine = np.stack([cv2.resize(image, (size, size), interpolation=how) for image in fine])
     last = np.ascontiguousarray(np.moveaxis(fine, 0, -1))
+    return last * _inside(size)[..., None]
+
+
+def _inside(size: int) -> Floats:
+    """1 inside the inscribed circle, fading to 0 over its last fortieth.
+
+    A hard rim of pixels is a pattern of its own, the same in every image, and pulls rotations towards multiples of
+    90 degrees (by up to 0.6 degrees, measured; 0.25 with the fading one).
+    """
     axis = np.arange(size) - (size - 1) / 2
-    last[axis[:, None] ** 2 + axis[None, :] ** 2 > (size / 2) ** 2] = 0
-    return last
+    inwards = size / 2 - np.hypot(axis[:, None], axis[None, :])
+    return np.asarray(np.clip(inwards / max(1.0, size / 40), 0, 1), np.float32)
 
 
 def line_integrals(images: Floats, directions_rad: Floats, center: float | None = None) -> Floats:

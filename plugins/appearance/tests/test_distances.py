@@ -1,0 +1,108 @@
+"""Distances against scipy, scikit-image and exact shifts."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter, rotate
+from scipy.spatial.distance import cdist
+from skimage.registration import phase_cross_correlation
+
+from omnilab.api import Places, Signatures
+from omnilab.errors import ConfigError, DataError
+from omnilab.testing import check_distance, check_localizer
+from omnilab_appearance import Euclidean, Nearest, Poc, PocBand, Radon
+from omnilab_appearance.poc import between, vertex
+
+
+@pytest.mark.parametrize("distance", [Poc(), PocBand(), PocBand(6, 5), Euclidean()])
+def test_keeps_the_contract(distance):
+    check_distance(distance)
+
+
+def test_nearest_keeps_the_contract():
+    check_localizer(Nearest())
+
+
+def _matrices(count, seed=0, shape=(20, 30)):
+    return np.random.default_rng(seed).standard_normal((count, *shape)).astype(np.float32)
+
+
+def test_poc_equals_the_printed_equations():
+    places, query = _matrices(3), _matrices(1, seed=1)
+    match = Poc().match(Signatures(query), Poc().prepare(Signatures(places)))
+    for p in range(3):
+        cross = np.fft.fft2(places[p].astype(float)) * np.conj(np.fft.fft2(query[0].astype(float)))
+        correlation = np.fft.ifft2(cross / np.abs(cross)).real  # eq. 2.12-2.13
+        assert np.isclose(match.distance[0, p], 1 - correlation.max(), atol=1e-5)  # eq. 4.2
+
+
+@given(st.integers(0, 29), st.integers(0, 19))
+@settings(max_examples=20)
+def test_poc_finds_the_shift_that_scikit_image_finds(columns, rows):
+    place = _matrices(1)
+    query = np.roll(place, (rows, -columns), axis=(1, 2))
+    match = Poc().match(Signatures(query), Poc().prepare(Signatures(place)))
+    expected = phase_cross_correlation(place[0], query[0])[0][1]  # columns that register the query to the place
+    error = match.rotation_rad[0, 0] - 2 * np.pi * expected / 30
+    assert abs(np.angle(np.exp(1j * error))) < 1e-3
+    assert match.distance[0, 0] < 1e-5
+
+
+def _scene(side=251):
+    """A picture with detail of every size, as the world has."""
+    rng = np.random.default_rng(3)
+    layers = [s * gaussian_filter(rng.standard_normal((side, side)), s) for s in (1, 2, 4, 8, 16, 32)]
+    return np.clip(127 + 40 * np.sum(layers, axis=0) / np.std(layers[0]) / 3, 0, 255)
+
+
+@given(st.floats(-180, 180))
+@settings(max_examples=25)
+@pytest.mark.parametrize("distance", [Poc(), PocBand()])
+def test_the_turn_of_an_image_is_found_between_the_samples(distance, turn_deg):
+    image = _scene()
+    turned = rotate(image, -turn_deg, reshape=False, order=3, mode="nearest")  # the camera turned to the left
+    pictures = np.clip(np.stack([image, turned]), 0, 255).astype(np.uint8)
+    signatures = Radon().describe(pictures)
+    match = distance.match(signatures[1:], distance.prepare(signatures[:1]))
+    error = np.rad2deg(match.rotation_rad[0, 0]) - turn_deg
+    assert abs((error + 180) % 360 - 180) < 0.5
+
+
+def test_euclidean_equals_scipy():
+    queries, places = _matrices(4, seed=1), _matrices(6)
+    match = Euclidean().match(Signatures(queries), Euclidean().prepare(Signatures(places)))
+    assert np.allclose(match.distance, cdist(queries.reshape(4, -1), places.reshape(6, -1)), rtol=1e-4)
+    assert match.rotation_rad is None
+
+
+@given(st.floats(-0.49, 0.49), st.floats(0.1, 10))
+def test_the_vertex_of_a_parabola_is_found(offset, bend):
+    before, peak, after = (np.array([-bend * (x - offset) ** 2]) for x in (-1, 0, 1))
+    assert np.isclose(vertex(before, peak, after)[0], offset, atol=1e-6)
+
+
+@given(st.floats(-0.49, 0.49))
+def test_the_peak_of_a_sinc_is_found_between_its_samples(offset):
+    before, peak, after = (np.array([np.sinc(x - offset)]) for x in (-1, 0, 1))
+    assert np.isclose(between(before, peak, after)[0], offset, atol=1e-6)
+
+
+def test_a_flat_curve_has_its_vertex_in_the_middle():
+    assert vertex(np.ones(1), np.ones(1), np.ones(1))[0] == 0
+
+
+def test_signatures_without_two_axes_are_refused():
+    with pytest.raises(DataError, match="euclidean"):
+        Poc().prepare(Signatures(np.zeros((3, 9), np.float32)))
+    with pytest.raises(ConfigError, match="1 x 40"):
+        PocBand(1, 40)
+
+
+def test_a_map_without_places_or_positions_is_refused():
+    empty = Signatures(np.zeros((0, 4, 4), np.float32))
+    with pytest.raises(DataError, match="no places"):
+        Nearest().prepare(Places(empty, np.zeros((0, 4, 4)), []), Poc())
+    one = Signatures(np.zeros((1, 4, 4), np.float32))
+    with pytest.raises(DataError, match="positions"):
+        Nearest().prepare(Places(one, None, ["a"]), Poc())
