@@ -4,10 +4,10 @@ from itertools import cycle
 
 import numpy as np
 import pytest
-from omnilab_mcap import McapSink
 
 from omnilab import api
 from omnilab.geometry import planar_poses
+from omnilab_mcap import McapSink
 
 TICK = api.Tick(3, 300_000_000)
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from omnilab_recordings import Folder
 
 from omnilab.api import RecordedPoses
+from omnilab_recordings import Folder
 
 COUNT = 48
 

@@ -6,11 +6,11 @@ import itertools
 
 import numpy as np
 import pytest
-from omnilab_rerun import RerunSink
 
 from omnilab.api import DistanceField, Estimate, Image, Pose, Series, Signature, Tick
 from omnilab.geometry import planar_poses
 from omnilab.projection import encode
+from omnilab_rerun import RerunSink
 
 
 @pytest.fixture

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
-from omnilab_mcap import McapSink
 
 from omnilab import api
 from omnilab.geometry import planar_poses
+from omnilab_mcap import McapSink
 
 
 @pytest.fixture(scope="session")

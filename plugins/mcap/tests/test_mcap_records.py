@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from omnilab_mcap import McapSink
 
 from omnilab import api
 from omnilab.errors import DataError, PluginError
+from omnilab_mcap import McapSink
 
 
 @pytest.fixture(scope="module")

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
 from mcap.records import Chunk
-from omnilab_mcap import McapSink
 
 from omnilab import api
 from omnilab.errors import DataError
+from omnilab_mcap import McapSink
 
 FLUSHED = 6
 

@@ -9,17 +9,17 @@ import numpy as np
 import numpy.typing as npt
 
 from omnilab.projection import HyperbolicMirror
+from omnilab_mirror.tracer import TILE
 
 Floats = npt.NDArray[np.floating[Any]]
 
-TILE = 8  # pixels
 NO_CONE = (-2.0, 2.0)  # a tile that spans more than a half-space may see anything
 
 
 class Rays(NamedTuple):
     """All rays of a camera, in its frame."""
 
-    rays: Floats  # (H, W, S, 4): unit direction and solid angle of each sample; zeros where the mirror ends
+    rays: Floats  # (H, W, S, 4): unit direction, and the pixel's solid angle there; zeros where the mirror ends
     axis: Floats  # (H / TILE, W / TILE, 3): the middle of each tile's rays
     spread: Floats  # (H / TILE, W / TILE, 2): cosine and sine of the angle that no ray of the tile exceeds
 
@@ -32,7 +32,7 @@ def rays_of(camera: HyperbolicMirror, samples: int) -> Rays:
     v, u, dv, du = np.meshgrid(np.arange(camera.height), np.arange(camera.width), offset, offset, indexing="ij")
     uv = np.stack([u + du, v + dv], -1).reshape(camera.height, camera.width, samples, 2)
     directions = camera.directions(uv)
-    rays = np.concatenate([directions, _solid_angle(camera, uv)[..., None] / samples], -1)
+    rays = np.concatenate([directions, _solid_angle(camera, uv)[..., None]], -1)
     rays = np.nan_to_num(rays, nan=0.0)
     return Rays(rays, *_cones(rays))
 

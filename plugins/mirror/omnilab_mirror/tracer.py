@@ -15,21 +15,22 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from omnilab_mirror.rays import TILE
-
 Array = npt.NDArray[Any]
 F = TypeVar("F", bound=Callable[..., Any])
+TILE = 8  # pixels; a constant of this file, since numba's cache sees no changes in others
 EDGE = 1e-9  # neighbouring faces overlap by this much of 1/m, so that no ray slips between them
 
 
 def compiled(function: F) -> F:
     """The function as machine code, which is kept beside the module."""
-    return cast("F", numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+    return cast("F", numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})(function))
 
 
 def compiled_parallel(function: F) -> F:
     """The same, with `prange` over all of numba's threads."""
-    return cast("F", numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)(function))
+    return cast(
+        "F", numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, parallel=True)(function)
+    )
 
 
 class View(NamedTuple):
@@ -97,23 +98,21 @@ def seen(axis: Array, spread: Array, planes: Array, reach: Array, chosen: Array,
 
 
 @compiled
-def nearest(ray: Array, rows: Array, chosen: Array, limit: Array, count: int) -> tuple[int, float, float, float]:
-    """The face a ray meets first (-1: none), its w, and where on it: fractions of its edges."""
-    face, best, b1, b2 = -1, 0.0, 0.0, 0.0
+def nearest(ray: Array, rows: Array, limit: Array, count: int) -> tuple[int, float, float, float]:
+    """Which of `count` faces (C, 9) a ray meets first (-1: none), how far away, and where on it: fractions of its edges."""
+    x, y, z = ray[0], ray[1], ray[2]
+    hit, best, b1, b2 = -1, 0.0, 0.0, 0.0
     for k in range(count):
-        if limit[k] * (1 + 1e-9) <= best:
+        if limit[k] <= best:
             break
-        f = chosen[k]
-        w = dot(rows[f, 0], ray)
+        w = rows[k, 0] * x + rows[k, 1] * y + rows[k, 2] * z
         if w > best:
-            a1 = dot(rows[f, 1], ray)
-            if -EDGE <= a1 <= w + EDGE:
-                a2 = dot(rows[f, 2], ray)
-                if -EDGE <= a2 <= w + EDGE:
-                    face, best, b1, b2 = f, w, a1, a2
-    if face < 0:
-        return face, 0.0, 0.0, 0.0
-    return face, best, b1 / best, b2 / best
+            a1 = rows[k, 3] * x + rows[k, 4] * y + rows[k, 5] * z
+            a2 = rows[k, 6] * x + rows[k, 7] * y + rows[k, 8] * z
+            if -EDGE <= a1 <= w + EDGE and -EDGE <= a2 <= w + EDGE:
+                hit, best, b1, b2 = k, w, a1, a2
+    t = 1 / best
+    return hit, t, b1 * t, b2 * t
 
 
 @compiled
@@ -147,18 +146,23 @@ def trace(
     for job in numba.prange(len(out) * tiles_v):
         i, tv = job // tiles_v, job % tiles_v
         chosen, limit = np.empty(faces, np.int64), np.empty(faces, np.float64)
+        rows = np.empty((faces, 9))
         total = np.empty(out.shape[3], np.float64)
         for tu in range(tiles_u):
             count = seen(axis[tv, tu], spread[tv, tu], view.planes[i], view.reach[i], chosen, limit)
+            for k in range(count):
+                for c in range(9):
+                    rows[k, c] = view.rows[i, chosen[k], c // 3, c % 3]
             for v in range(tv * TILE, min(tv * TILE + TILE, height)):
                 for u in range(tu * TILE, min(tu * TILE + TILE, width)):
                     total[:] = 0
                     for s in range(samples):
                         ray = rays[v, u, s]
-                        f, w, x, y = nearest(ray, view.rows[i], chosen, limit, count)
-                        if f >= 0:
-                            # the ray covers solid_angle t^2 / cos on the face: 4^level texels
-                            _, exponent = math.frexp(ray[3] * view.density[i, f] / (w * w * w))
+                        k, t, x, y = nearest(ray, rows, limit, count)
+                        if k >= 0:
+                            f = chosen[k]
+                            # the pixel covers solid_angle t^2 / cos on the face: 4^level texels
+                            _, exponent = math.frexp(ray[3] * view.density[i, f] * (t * t * t))
                             line = min(first[f] + max(exponent >> 1, 0), first[f + 1] - 1)
                             start, columns, lines = levels[line]
                             add_texel(texels, start, columns, lines, x, y, total)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from omnilab_recordings import Folder
-from omnilab_recordings.folder import OnBadImage
 
 from omnilab.api import GridPoses, PathPoses, RandomPoses, RecordedPoses
 from omnilab.errors import ConfigError, DataError
+from omnilab_recordings import Folder
+from omnilab_recordings.folder import OnBadImage
 
 
 def read_all(sensor):

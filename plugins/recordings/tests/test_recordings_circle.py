@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from omnilab_recordings.circle import find_circle
 
 from omnilab.errors import DataError
+from omnilab_recordings.circle import find_circle
 
 SHAPE = (180, 240)
 

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 from omegaconf.errors import MissingMandatoryValue
-from omnilab_recordings import Folder
-from omnilab_recordings.folder import OnBadImage
 
 from omnilab.api import GridPoses, RecordedPoses, Sensor
 from omnilab.geometry import heading_of, wrap_angle
 from omnilab.projection import panorama
+from omnilab_recordings import Folder
+from omnilab_recordings.folder import OnBadImage
 
 
 def numbers(plan):

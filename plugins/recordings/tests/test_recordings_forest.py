@@ -7,11 +7,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from omnilab_recordings import Folder
 
 from omnilab.api import GridPoses, RecordedPoses
 from omnilab.geometry import heading_of, wrap_angle
 from omnilab.projection import panorama
+from omnilab_recordings import Folder
 
 FOREST = Path(__file__).resolve().parents[4] / "shared" / "data" / "bearingnet_forest_grid"
 pytestmark = pytest.mark.skipif(not FOREST.is_dir(), reason="the forest recording is not at hand")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from omnilab_recordings.grid import find_grid
 from omnilab_recordings.positions import Positions
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from omnilab_rerun import RerunSink
 from rerun.chunk import RrdReader
 
 from omnilab.api import Record, Tick
+from omnilab_rerun import RerunSink
 
 Entry = tuple[str, Record, Tick | None]
 

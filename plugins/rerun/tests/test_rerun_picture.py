@@ -8,12 +8,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-from omnilab_rerun import RerunSink
-from omnilab_rerun.binary import binary, quiet_environment
-from omnilab_rerun.ports import free_port
 
 from omnilab.api import Image, Mesh, Panel, Text, Tick, ViewLayout
 from omnilab.errors import DataError
+from omnilab_rerun import RerunSink
+from omnilab_rerun.binary import binary, quiet_environment
+from omnilab_rerun.ports import free_port
 
 LAYOUT = ViewLayout([[Panel("image", "Image", ["image"])], [Panel("map", "Room", ["room"])]])
 FLOOR = Mesh(

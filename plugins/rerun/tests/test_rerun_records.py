@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from omnilab_rerun.colors import TRUTH, VERDICT, heat
-from omnilab_rerun.drawing import spacing_m
 
 from omnilab.api import (
     Answers,
@@ -23,6 +21,8 @@ from omnilab.api import (
 )
 from omnilab.geometry import planar_poses
 from omnilab.projection import encode
+from omnilab_rerun.colors import TRUTH, VERDICT, heat
+from omnilab_rerun.drawing import spacing_m
 
 AT = Tick(7, 1_234_567_891)
 GRID = np.stack([*np.meshgrid(np.arange(4) * 0.5, np.arange(3) * 0.5), np.ones((3, 4))], -1).reshape(-1, 3)

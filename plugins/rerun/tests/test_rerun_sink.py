@@ -10,10 +10,10 @@ import sys
 
 import numpy as np
 import pytest
-from omnilab_rerun import RerunSink
 
 from omnilab.api import Text
 from omnilab.errors import ConfigError, DataError
+from omnilab_rerun import RerunSink
 
 WRITE_UNTIL_KILLED = """
 import sys
