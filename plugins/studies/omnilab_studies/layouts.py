@@ -9,9 +9,9 @@ PLACES = ViewLayout(
             Panel("map", "Distance of the query to every place", ("distances",)),
         ),
         (
-            Panel("image", "Query", ("camera/image",)),
-            Panel("image", "Panorama", ("camera/panorama",)),
-            Panel("image", "Signature", ("signature",)),
+            Panel("image", "Query", ("query/image",)),
+            Panel("image", "Panorama", ("query/panorama",)),
+            Panel("image", "Signature", ("query/signature",)),
         ),
         (
             Panel("plot", "Position error", ("error/position_m",)),
