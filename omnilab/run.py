@@ -134,7 +134,7 @@ def execute(run: Run, folder: Path, registry: Registry, overrides: Sequence[str]
         book.status(INTERRUPTED, sinks_dropped=recorder.dropped)
         raise
     except Exception as error:
-        log.error("the run failed", exc_info=not isinstance(error, OmnilabError))
+        log.error("the run failed: %s", error, exc_info=not isinstance(error, OmnilabError))
         book.status(FAILED, error=f"{type(error).__name__}: {error}", sinks_dropped=recorder.dropped)
         raise
     else:
