@@ -8,6 +8,7 @@ besides the installed plugins, ``-name`` leaves an installed plugin out, ``none`
 from __future__ import annotations
 
 import difflib
+import hashlib
 import importlib.util
 import os
 import re
@@ -22,6 +23,8 @@ from typing import Any
 
 import pluggy
 from hydra.core.config_store import ConfigStore
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
 from omnilab import api, hooks
 from omnilab.errors import ConfigError, PluginError
@@ -63,7 +66,7 @@ class Component:
     @property
     def summary(self) -> str:
         """The first line of the manual."""
-        return str(self.cls.__doc__).strip().partition("\n")[0]
+        return (self.cls.__doc__ or "(no docstring)").strip().partition("\n")[0]
 
 
 @dataclass(frozen=True)
@@ -141,6 +144,12 @@ def _plugins(chosen: list[str]) -> Iterator[Plugin]:
         dist = point.dist
         found.append(Plugin(point.name, dist.name if dist else "?", dist.version if dist else "", point.load))
     found.sort(key=lambda p: (p.distribution not in own, p.distribution, p.name))
+    for word in chosen:
+        if word != "none" and not word.endswith(".py") and word.removeprefix("-") not in [p.name for p in found]:
+            raise ConfigError(
+                f"OMNILAB_PLUGINS names '{word}', which is no plugin; give file.py, none, or - and one of "
+                + ", ".join(p.name for p in found)
+            )
     for plugin in found:
         if "none" not in chosen and f"-{plugin.name}" not in chosen:
             yield plugin
@@ -159,7 +168,8 @@ def _own_distributions() -> set[str]:
 def _load_file(path: Path) -> ModuleType:
     if not path.is_file():
         raise PluginError(f"there is no file {path}; correct the path in OMNILAB_PLUGINS")
-    spec = importlib.util.spec_from_file_location(f"omnilab_file_{path.stem}", path)
+    digest = hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]  # two files may have the same name
+    spec = importlib.util.spec_from_file_location(f"omnilab_file_{path.stem}_{digest}", path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -203,6 +213,15 @@ def check_component(kind: str, name: str, cls: type[Any]) -> None:
         raise PluginError(
             f"{kind} '{name}' ({cls.__name__}) lacks {', '.join(lacking)}; see {KINDS[kind].__name__} in omnilab.api"
         )
+    if cls.__dataclass_params__.frozen:
+        raise PluginError(f"{kind} '{name}' ({cls.__name__}) is frozen, so nothing could be overridden; use @dataclass")
+    try:
+        OmegaConf.structured(cls)
+    except OmegaConfBaseException as error:
+        raise PluginError(
+            f"{kind} '{name}' ({cls.__name__}): {str(error).splitlines()[0]} (field '{error.full_key}'); use bool, int,"
+            " float, str, Path, Enum, list, dict, X | None or a nested dataclass"
+        ) from error
 
 
 def members(protocol: type[Any]) -> list[str]:
