@@ -103,7 +103,7 @@ def plant(s: Section, model: Model) -> None:
 
 def face(s: Section, model: Model) -> None:
     """One parallelogram: its four `corners`, counter-clockwise as seen from the front."""
-    corners = np.array(s.points("corners")).reshape(-1, 3)
+    corners = np.array(s.points("corners"), float).reshape(-1, 3)
     if len(corners) != 4:
         raise s.invalid("corners", corners.tolist(), f"4 corners, not {len(corners)}; split it into parallelograms")
     u, v, diagonal = corners[1] - corners[0], corners[3] - corners[0], corners[2] - corners[0]

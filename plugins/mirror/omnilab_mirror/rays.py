@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from omnilab.projection import HyperbolicMirror
-from omnilab_mirror.tracer import TILE
+from omnilab_mirror.tracer import BLOCK, TILE, Cones
 
 Floats = npt.NDArray[np.floating[Any]]
 
@@ -20,8 +20,8 @@ class Rays(NamedTuple):
     """All rays of a camera, in its frame."""
 
     rays: Floats  # (H, W, S, 4): unit direction, and the pixel's solid angle there; zeros where the mirror ends
-    axis: Floats  # (H / TILE, W / TILE, 3): the middle of each tile's rays
-    spread: Floats  # (H / TILE, W / TILE, 2): cosine and sine of the angle that no ray of the tile exceeds
+    blocks: Cones
+    tiles: Cones
 
 
 @lru_cache(maxsize=4)
@@ -34,7 +34,7 @@ def rays_of(camera: HyperbolicMirror, samples: int) -> Rays:
     directions = camera.directions(uv)
     rays = np.concatenate([directions, _solid_angle(camera, uv)[..., None]], -1)
     rays = np.nan_to_num(rays, nan=0.0)
-    return Rays(rays, *_cones(rays))
+    return Rays(rays, _cones(rays, BLOCK), _cones(rays, TILE))
 
 
 def _solid_angle(camera: HyperbolicMirror, uv: Floats) -> Floats:
@@ -46,14 +46,13 @@ def _solid_angle(camera: HyperbolicMirror, uv: Floats) -> Floats:
     return np.asarray(np.linalg.norm(np.cross(along_u, along_v), axis=-1)) / (2 * h) ** 2
 
 
-def _cones(rays: Floats) -> tuple[Floats, Floats]:
-    height, width = rays.shape[:2]
-    shape = (-(-height // TILE), -(-width // TILE))
+def _cones(rays: Floats, side: int) -> Cones:
+    shape = (-(-rays.shape[0] // side), -(-rays.shape[1] // side))
     axis, spread = np.zeros((*shape, 3)), np.zeros((*shape, 2))
-    for tv, tu in np.ndindex(shape):
-        d = rays[tv * TILE : (tv + 1) * TILE, tu * TILE : (tu + 1) * TILE, :, :3].reshape(-1, 3)
-        axis[tv, tu], spread[tv, tu] = _cone(d[np.any(d != 0, axis=1)])
-    return axis, spread
+    for v, u in np.ndindex(shape):
+        d = rays[v * side : (v + 1) * side, u * side : (u + 1) * side, :, :3].reshape(-1, 3)
+        axis[v, u], spread[v, u] = _cone(d[np.any(d != 0, axis=1)])
+    return Cones(axis, spread)
 
 
 def _cone(d: Floats) -> tuple[Floats, tuple[float, float]]:

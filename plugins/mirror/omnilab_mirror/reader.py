@@ -65,7 +65,7 @@ class Section:
             return _Values().construct_document(self._nodes[key])
         except (yaml.YAMLError, ValueError) as error:
             raise self.wrong(
-                f"has a value of '{key}' that cannot be read ({error}); correct it", self._nodes[key]
+                f"has a value of '{key}' that cannot be read ({_cause(error)}); correct it", self._nodes[key]
             ) from None
 
     def number(self, key: str, default: Any = REQUIRED, low: float = -math.inf, high: float = math.inf) -> float:
@@ -159,9 +159,7 @@ def read(file: Path, data: bytes) -> Section:
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         mark = getattr(error, "problem_mark", None)
         where = f", line {mark.line + 1}" if mark else ""
-        raise DataError(
-            f"{file}{where}: {getattr(error, 'problem', None) or error}; a world file is YAML text"
-        ) from None
+        raise DataError(f"{file}{where}: {_cause(error)}; a world file is YAML text") from None
     if node is None:
         raise DataError(f"{file} is empty; a world file lists at least 'map_m' and 'objects'")
     return Section(file, "the world", node)
@@ -190,6 +188,10 @@ def suggestion(name: str, options: Iterable[str]) -> str:
 def is_color(value: Any) -> bool:
     """Whether a value is [red, green, blue]."""
     return _is_point(value, 3) and all(0 <= part <= 255 for part in value)
+
+
+def _cause(error: Exception) -> str:
+    return str(getattr(error, "problem", None) or error).replace("\n", " ")
 
 
 def _line(part: Any) -> int:

@@ -22,5 +22,5 @@ def render(
     edges = np.array([(face.u, face.v) for face in world.faces])
     view = view_from(T_world_camera, corner, edges, atlas.size)
     images = np.empty((len(T_world_camera), camera.height, camera.width, 3 if color else 1), np.uint8)
-    trace(*rays_of(camera, samples), view, *atlas, images)
+    trace(*rays_of(camera, samples), view, atlas, images)
     return images if color else images[..., 0]

@@ -2,7 +2,8 @@
 
 With a face at corner p, edges e1 and e2, seen from O, let r0, r1, r2 be the rows of [p - O, e1, e2]^-1. The ray O + t d
 meets the face where w = r0.d > 0 and 0 <= r1.d <= w and 0 <= r2.d <= w, at t = 1 / w: the nearest face has the largest
-w. Whole tiles of pixels first sort out, cone against the five planes through O that bound a face, what none of them sees.
+w. Whole blocks of pixels, and then the tiles in them, first sort out what none of their rays can see: a cone against the
+five planes through O that bound a face.
 """
 
 from __future__ import annotations
@@ -15,9 +16,12 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from omnilab_mirror.atlas import Atlas
+
 Array = npt.NDArray[Any]
 F = TypeVar("F", bound=Callable[..., Any])
-TILE = 8  # pixels; a constant of this file, since numba's cache sees no changes in others
+# constants of this file, since numba's cache sees no changes in others
+TILE, BLOCK = 8, 32  # pixels
 EDGE = 1e-9  # neighbouring faces overlap by this much of 1/m, so that no ray slips between them
 
 
@@ -33,10 +37,17 @@ def compiled_parallel(function: F) -> F:
     )
 
 
+class Cones(NamedTuple):
+    """A cone around the rays of each of (V, U) squares of pixels."""
+
+    axis: Array  # (V, U, 3)
+    spread: Array  # (V, U, 2): cosine and sine of the angle to the axis that no ray exceeds
+
+
 class View(NamedTuple):
     """F faces as seen from N viewpoints, in the camera's frame."""
 
-    rows: Array  # (N, F, 3, 3): r0, r1, r2
+    rows: Array  # (N, F, 9): r0, r1, r2
     planes: Array  # (N, F, 5, 3): inward unit normals of the planes through O that bound the face; r0's first
     reach: Array  # (N, F): the length of r0
     density: Array  # (N, F): texels of the finest level over |det|; with the solid angle and w it gives the level
@@ -56,6 +67,7 @@ def view_from(T_world_camera: Array, corner: Array, edges: Array, texels: Array)
     planes = np.stack([r0, r1, r0 - r1, r2, r0 - r2], 2)
     length = np.linalg.norm(planes, axis=-1)
     planes = planes / np.maximum(length, 1e-300)[..., None]
+    rows = rows.reshape(*det.shape, 9)
     return View(*map(np.ascontiguousarray, (rows, planes, length[..., 0], texels * np.abs(inverse))))
 
 
@@ -66,25 +78,31 @@ def dot(a: Array, b: Array) -> float:
 
 
 @compiled
-def seen(axis: Array, spread: Array, planes: Array, reach: Array, chosen: Array, limit: Array) -> int:
-    """Fill `chosen` with the faces a tile may see, nearest first, and `limit` with each one's largest w; their number."""
+def sift(
+    axis: Array, spread: Array, planes: Array, reach: Array, among: Array, number: int, chosen: Array, limit: Array
+) -> int:
+    """Which of the first `number` faces of `among` a cone may see: how many they are.
+
+    They go to `chosen`, nearest first, and the largest w that each can have to `limit`.
+    """
     cos, sin = spread[0], spread[1]
     count = 0
-    behind = 0.0  # some face fills the tile at this w or more: what stays below is hidden
-    for f in range(len(reach)):
-        least = 1.0
+    behind = 0.0  # some face fills the cone at this w or more: what stays below is hidden
+    for n in range(number):
+        f = among[n]
+        inside = 1.0
         for side in range(4, -1, -1):
-            least = min(least, dot(planes[f, side], axis))
-            if least < -sin:
+            inside = min(inside, dot(planes[f, side], axis))
+            if inside < -sin:
                 break
-        if least < -sin:
+        if inside < -sin:
             continue
         c = dot(planes[f, 0], axis)
         s = math.sqrt(max(0.0, 1 - c * c))
         most = reach[f] * (1.0 if c >= cos else c * cos + s * sin)
         if most <= behind:
             continue
-        if least > sin:
+        if inside > sin:
             behind = max(behind, reach[f] * (c * cos - s * sin) * (1 - 1e-9))
         k = count
         while k > 0 and limit[k - 1] < most:
@@ -99,7 +117,7 @@ def seen(axis: Array, spread: Array, planes: Array, reach: Array, chosen: Array,
 
 @compiled
 def nearest(ray: Array, rows: Array, limit: Array, count: int) -> tuple[int, float, float, float]:
-    """Which of `count` faces (C, 9) a ray meets first (-1: none), how far away, and where on it: fractions of its edges."""
+    """Which of `count` faces (C, 9) a ray meets first (-1: none), how far away, and where: fractions of its edges."""
     x, y, z = ray[0], ray[1], ray[2]
     hit, best, b1, b2 = -1, 0.0, 0.0, 0.0
     for k in range(count):
@@ -116,8 +134,9 @@ def nearest(ray: Array, rows: Array, limit: Array, count: int) -> tuple[int, flo
 
 
 @compiled
-def add_texel(texels: Array, start: int, width: int, height: int, x: float, y: float, total: Array) -> None:
-    """Add to `total` (C,) the bilinear colour at fractions (x, y) of a picture stored at `start`."""
+def add_texel(texels: Array, level: Array, x: float, y: float, total: Array) -> None:
+    """Add to `total` (C,) the bilinear colour at fractions (x, y) of a picture, `level` = (start, width, height)."""
+    start, width, height = level
     px = min(max(x * width - 0.5, 0.0), width - 1.0)
     py = min(max(y * height - 0.5, 0.0), height - 1.0)
     x0, y0 = int(px), int(py)
@@ -131,40 +150,51 @@ def add_texel(texels: Array, start: int, width: int, height: int, x: float, y: f
         total[channel] += low * (1 - fy) + high * fy
 
 
-@compiled_parallel
-def trace(
-    rays: Array, axis: Array, spread: Array, view: View, first: Array, levels: Array, texels: Array, out: Array
+@compiled
+def shade(
+    rays: Array, rows: Array, limit: Array, chosen: Array, count: int, density: Array, atlas: Atlas, out: Array
 ) -> None:
-    """Fill the images `out` (N, H, W, C). Each pixel is computed alone, so the threads' number changes nothing.
-
-    `levels` (L, 3) lists start, width and height of every picture in `texels` (T, C), in 1/256 grey levels; those of
-    face f are the lines first[f] to first[f + 1], finest first.
-    """
+    """Fill the pixels `out` (h, w, C) of a tile with the means over its `rays` (h, w, S, 4)."""
     height, width, samples, _ = rays.shape
-    tiles_v, tiles_u, _ = axis.shape
-    faces = len(first) - 1
-    for job in numba.prange(len(out) * tiles_v):
-        i, tv = job // tiles_v, job % tiles_v
-        chosen, limit = np.empty(faces, np.int64), np.empty(faces, np.float64)
-        rows = np.empty((faces, 9))
-        total = np.empty(out.shape[3], np.float64)
-        for tu in range(tiles_u):
-            count = seen(axis[tv, tu], spread[tv, tu], view.planes[i], view.reach[i], chosen, limit)
-            for k in range(count):
-                for c in range(9):
-                    rows[k, c] = view.rows[i, chosen[k], c // 3, c % 3]
-            for v in range(tv * TILE, min(tv * TILE + TILE, height)):
-                for u in range(tu * TILE, min(tu * TILE + TILE, width)):
-                    total[:] = 0
-                    for s in range(samples):
-                        ray = rays[v, u, s]
-                        k, t, x, y = nearest(ray, rows, limit, count)
-                        if k >= 0:
-                            f = chosen[k]
-                            # the pixel covers solid_angle t^2 / cos on the face: 4^level texels
-                            _, exponent = math.frexp(ray[3] * view.density[i, f] * (t * t * t))
-                            line = min(first[f] + max(exponent >> 1, 0), first[f + 1] - 1)
-                            start, columns, lines = levels[line]
-                            add_texel(texels, start, columns, lines, x, y, total)
-                    for channel in range(len(total)):
-                        out[i, v, u, channel] = np.uint8(total[channel] / (256 * samples) + 0.5)
+    total = np.empty(out.shape[2], np.float64)
+    for v in range(height):
+        for u in range(width):
+            total[:] = 0
+            for s in range(samples):
+                k, t, x, y = nearest(rays[v, u, s], rows, limit, count)
+                if k >= 0:
+                    f = chosen[k]
+                    # the pixel covers solid_angle t^2 / cos on the face: 4^level texels
+                    _, exponent = math.frexp(rays[v, u, s, 3] * density[f] * (t * t * t))
+                    level = min(atlas.first[f] + max(exponent >> 1, 0), atlas.first[f + 1] - 1)
+                    add_texel(atlas.texels, atlas.levels[level], x, y, total)
+            for channel in range(len(total)):
+                out[v, u, channel] = np.uint8(total[channel] / (256 * samples) + 0.5)
+
+
+@compiled_parallel
+def trace(rays: Array, blocks: Cones, tiles: Cones, view: View, atlas: Atlas, out: Array) -> None:
+    """Fill the images `out` (N, H, W, C). Each pixel is computed alone, so the number of threads changes nothing."""
+    height, width = rays.shape[:2]
+    blocks_v, blocks_u = blocks.axis.shape[:2]
+    faces = view.reach.shape[1]
+    for job in numba.prange(len(out) * blocks_v):
+        i, bv = job // blocks_v, job % blocks_v
+        planes, reach, all_rows, density = view.planes[i], view.reach[i], view.rows[i], view.density[i]
+        everything = np.arange(faces)
+        some, few, limit, rows = (
+            np.empty(faces, np.int64),
+            np.empty(faces, np.int64),
+            np.empty(faces),
+            np.empty((faces, 9)),
+        )
+        for bu in range(blocks_u):
+            number = sift(blocks.axis[bv, bu], blocks.spread[bv, bu], planes, reach, everything, faces, some, limit)
+            for v in range(bv * BLOCK, min(bv * BLOCK + BLOCK, height), TILE):
+                for u in range(bu * BLOCK, min(bu * BLOCK + BLOCK, width), TILE):
+                    tv, tu = v // TILE, u // TILE
+                    count = sift(tiles.axis[tv, tu], tiles.spread[tv, tu], planes, reach, some, number, few, limit)
+                    for k in range(count):
+                        rows[k] = all_rows[few[k]]
+                    tile = slice(v, min(v + TILE, height)), slice(u, min(u + TILE, width))
+                    shade(rays[tile], rows, limit, few, count, density, atlas, out[i][tile])
