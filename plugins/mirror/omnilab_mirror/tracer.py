@@ -27,14 +27,12 @@ EDGE = 1e-9  # neighbouring faces overlap by this much of 1/m, so that no ray sl
 
 def compiled(function: F) -> F:
     """The function as machine code, which is kept beside the module."""
-    return cast("F", numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})(function))
+    return cast("F", numba.njit(cache=True, nogil=True, error_model="numpy")(function))
 
 
 def compiled_parallel(function: F) -> F:
     """The same, with `prange` over all of numba's threads."""
-    return cast(
-        "F", numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, parallel=True)(function)
-    )
+    return cast("F", numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)(function))
 
 
 class Cones(NamedTuple):
@@ -116,9 +114,8 @@ def sift(
 
 
 @compiled
-def nearest(ray: Array, rows: Array, limit: Array, count: int) -> tuple[int, float, float, float]:
+def nearest(x: float, y: float, z: float, rows: Array, limit: Array, count: int) -> tuple[int, float, float, float]:
     """Which of `count` faces (C, 9) a ray meets first (-1: none), how far away, and where: fractions of its edges."""
-    x, y, z = ray[0], ray[1], ray[2]
     hit, best, b1, b2 = -1, 0.0, 0.0, 0.0
     for k in range(count):
         if limit[k] <= best:
@@ -134,9 +131,8 @@ def nearest(ray: Array, rows: Array, limit: Array, count: int) -> tuple[int, flo
 
 
 @compiled
-def add_texel(texels: Array, level: Array, x: float, y: float, total: Array) -> None:
-    """Add to `total` (C,) the bilinear colour at fractions (x, y) of a picture, `level` = (start, width, height)."""
-    start, width, height = level
+def add_texel(texels: Array, start: int, width: int, height: int, x: float, y: float, total: Array) -> None:
+    """Add to `total` (C,) the bilinear colour at fractions (x, y) of the picture that begins at `start`."""
     px = min(max(x * width - 0.5, 0.0), width - 1.0)
     py = min(max(y * height - 0.5, 0.0), height - 1.0)
     x0, y0 = int(px), int(py)
@@ -161,13 +157,21 @@ def shade(
         for u in range(width):
             total[:] = 0
             for s in range(samples):
-                k, t, x, y = nearest(rays[v, u, s], rows, limit, count)
+                k, t, x, y = nearest(rays[v, u, s, 0], rays[v, u, s, 1], rays[v, u, s, 2], rows, limit, count)
                 if k >= 0:
                     f = chosen[k]
                     # the pixel covers solid_angle t^2 / cos on the face: 4^level texels
                     _, exponent = math.frexp(rays[v, u, s, 3] * density[f] * (t * t * t))
                     level = min(atlas.first[f] + max(exponent >> 1, 0), atlas.first[f + 1] - 1)
-                    add_texel(atlas.texels, atlas.levels[level], x, y, total)
+                    add_texel(
+                        atlas.texels,
+                        atlas.levels[level, 0],
+                        atlas.levels[level, 1],
+                        atlas.levels[level, 2],
+                        x,
+                        y,
+                        total,
+                    )
             for channel in range(len(total)):
                 out[v, u, channel] = np.uint8(total[channel] / (256 * samples) + 0.5)
 

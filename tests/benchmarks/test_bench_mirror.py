@@ -1,0 +1,56 @@
+"""Images a second of the mirror in the furnished room, beside the same rays in plain numpy, one image at a time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from omnilab.api import RandomPoses
+from omnilab_mirror import Mirror
+from omnilab_mirror.world import load_world
+
+IMAGES = 64
+
+
+@pytest.fixture(scope="module")
+def poses():
+    return RandomPoses(IMAGES, seed=1)
+
+
+@pytest.mark.benchmark(group="mirror, 64 images of 250 x 250")
+@pytest.mark.parametrize("samples", [1, 4])
+@pytest.mark.parametrize("color", [False, True], ids=["grey", "colour"])
+def test_bench_mirror(benchmark, poses, samples, color):
+    sensor = Mirror(samples=samples, color=color)
+    plan = sensor.plan(poses)
+    images = benchmark.pedantic(lambda: next(sensor.frames(plan)).images, rounds=5, warmup_rounds=1)
+    assert len(images) == IMAGES
+    if benchmark.stats:
+        benchmark.extra_info["images_per_s"] = IMAGES / benchmark.stats.stats.median
+
+
+@pytest.mark.benchmark(group="mirror, one image of 250 x 250")
+def test_bench_mirror_in_numpy(benchmark, poses):
+    sensor = Mirror(samples=1)
+    plan = sensor.plan(poses)
+    image = benchmark.pedantic(numpy_image, (sensor, plan.T_world_camera[0]), rounds=2)
+    traced = next(sensor.frames(plan.at([0]))).images[0]
+    assert np.median(np.abs(image.astype(int) - traced)) <= 6  # it takes the nearest texel, unfiltered
+
+
+def numpy_image(sensor: Mirror, T_world_camera):
+    """A grey image of one sample a pixel, every ray against every face."""
+    v, u = np.mgrid[: sensor.size, : sensor.size]
+    d = sensor.camera.directions(np.stack([u, v], -1).astype(float)) @ T_world_camera[:3, :3].T
+    nearest, image = np.zeros(d.shape[:2]), np.zeros(d.shape[:2], np.uint8)
+    world = load_world(sensor.world)
+    for face, picture in zip(world.faces, world.pictures, strict=True):
+        w, x, y = np.moveaxis(
+            d @ np.linalg.inv(np.stack([face.corner - T_world_camera[:3, 3], face.u, face.v], 1)).T, -1, 0
+        )
+        hit = (w > nearest) & (x >= 0) & (x <= w) & (y >= 0) & (y <= w)
+        rows, columns = (
+            np.minimum((f[hit] / w[hit] * n).astype(int), n - 1) for f, n in zip((y, x), picture.shape, strict=False)
+        )
+        nearest[hit], image[hit] = w[hit], picture[rows, columns] @ [0.299, 0.587, 0.114]
+    return image
