@@ -66,6 +66,8 @@ class Canvas:
     def cells(self, width_m: float, height_m: float, shifts_m: Any = (0.0,)) -> Cells:
         """Rows of cells; row r begins `shifts_m[r % len(shifts_m)]` to the left of the canvas."""
         x, y = self.xy
+        # cells below a texel would not show, but cost memory
+        width_m, height_m = max(width_m, self.size_m[0] / self.shape[1]), max(height_m, self.size_m[1] / self.shape[0])
         row = np.floor(y / height_m).astype(int)
         x = x + np.asarray(shifts_m)[row % len(shifts_m)]
         column = np.floor(x / width_m).astype(int)

@@ -88,7 +88,7 @@ def plant(s: Section, model: Model) -> None:
     """A pot with leaves that lean outwards: `size` (width, height)."""
     place, (width, height) = _place(s), s.size("size", 2)
     leaves, r = paint_of(s, "texture", model.paints), width / 2
-    model.box(place, (-r / 2, -r / 2, 0), (r / 2, r / 2, height / 4), paint_of(s, "pot", model.paints, [150, 80, 50]))
+    model.box(place, (-r / 2, -r / 2, 0), (r / 2, r / 2, height / 4), paint_of(s, "pot", model.paints, (150, 80, 50)))
     count = int(s.number("leaves", 9, 1, 100))
     for i in range(count):
         angle = 2 * np.pi * i / count

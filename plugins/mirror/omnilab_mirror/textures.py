@@ -206,9 +206,9 @@ def _paint(s: Section) -> Paint:
     return paint
 
 
-def paint_of(s: Section, key: str, textures: dict[str, Paint], default: Any = "plain") -> Paint:
+def paint_of(s: Section, key: str, textures: dict[str, Paint], default: Any = (200, 200, 200)) -> Paint:
     """The paint that a key names: a texture of the file, or a colour [red, green, blue]."""
-    color = s.value(key, [200, 200, 200] if default == "plain" else default)
+    color = s.value(key, list(default))
     if is_color(color):
         return Paint(lambda canvas: canvas.filled(color))
     return textures[s.choice(key, textures)]

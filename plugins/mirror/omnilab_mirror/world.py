@@ -25,7 +25,7 @@ Floats = npt.NDArray[np.floating[Any]]
 Bytes = npt.NDArray[np.uint8]
 
 CLEARANCE_M = 0.05
-MAX_TEXELS = 100_000_000
+MAX_TEXELS = 40_000_000
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,7 @@ SQUARE = "[[-1, 1, 0], [1, 1, 0], [1, 1, 1], [-1, 1, 1]]"
         ("ambient: 0.5", "ambient: -1", "from 0 to 10"),
         ("map_m: [2, 2]\n", "", "lacks the key 'map_m'"),
         ("map_m: [2, 2]", "map_m: [2, 2]\nmap_m: [2, 2]", "'map_m' twice"),
-        ("texels_per_m: 32", "texels_per_m: 9000", "up to 100000000 texels"),
+        ("texels_per_m: 32", "texels_per_m: 9000", "up to 40000000 texels"),
         ("texels_per_m: 32", "textels_per_m: 32", "unknown key 'textels_per_m'; did you mean 'texels_per_m'"),
         ("texels_per_m: 32", "? [a]\n: 32", "a key that is not a name"),
         ("objects:", "objects: 3\nother:", "objects=3; expected a list"),
