@@ -11,7 +11,7 @@ from pathlib import Path
 from omnilab.errors import ConfigError, DataError, OmnilabError
 from omnilab.logbook import KILLED, RUNNING, LoadedRun, Logbook, find_runs, load_run, new_folder_name
 from omnilab.registry import KINDS, Registry, discover
-from omnilab.terminal import print_error, print_table, short, show_run
+from omnilab.terminal import headline, print_error, print_table, short, show_run
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -91,11 +91,8 @@ def runs(argv: list[str]) -> int:
     options = parser.parse_args(argv)
     rows = []
     for run in find_runs(options.logs):
-        main_metrics = [f"{name} {value:.4g}" for name, value in list(run.metrics.items())[:3]]
         overrides = [o for o in run.manifest["overrides"] if not o.startswith("experiment=")]
-        rows.append(
-            [str(run.folder.relative_to(options.logs)), run.state, ", ".join(main_metrics), " ".join(overrides)]
-        )
+        rows.append([str(run.folder.relative_to(options.logs)), run.state, headline(run), " ".join(overrides)])
     print_table(["run", "status", "main metrics", "overrides"], rows)
     return 0
 

@@ -20,10 +20,10 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from omnilab.errors import ConfigError, DataError, OmnilabError
-from omnilab.logbook import FAILED, Logbook, new_folder_name, origin, write_summary
+from omnilab.logbook import FAILED, Logbook, load_run, new_folder_name, origin, write_summary
 from omnilab.registry import Registry
 from omnilab.run import Run, build, execute
-from omnilab.terminal import print_error, print_table, short, show_run
+from omnilab.terminal import headline, print_error, print_summary, short, show_run
 
 
 def experiment(argv: list[str], registry: Registry) -> int:
@@ -65,10 +65,12 @@ def run_job(config: DictConfig, registry: Registry) -> None:
     name = str(state.runtime.choices.get("experiment"))
     if state.mode is not RunMode.MULTIRUN:
         _run(config, registry, folder, overrides, name)
+        show_run(folder)
         return
     print_error(f"job {state.job.num}: {' '.join(overrides)}")
     try:
         _run(config, registry, folder, overrides, name)
+        print_error(f"job {state.job.num}: {headline(load_run(folder))}")
     except OmnilabError as mistake:
         _note_failure(folder, overrides, name, mistake)
         print_error(str(mistake))
@@ -85,7 +87,6 @@ def _run(config: DictConfig, registry: Registry, folder: Path, overrides: list[s
             folder.rmdir()  # Hydra made it; nothing was run
         raise
     execute(run, folder, registry, overrides, name)
-    show_run(folder)
 
 
 def _note_failure(folder: Path, overrides: list[str], name: str, error: Exception) -> None:
@@ -106,7 +107,7 @@ class Summary:
     def on_multirun_end(self, config: DictConfig, **_: Any) -> None:
         folder = Path(config.hydra.sweep.dir)
         header, rows = write_summary(folder)
-        print_table(header, rows, title=str(short(folder / "summary.csv")))
+        print_summary(header, rows, title=str(short(folder / "summary.csv")))
         Summary.failed = sum(row[header.index("status")] != "done" for row in rows)
         if Summary.failed:
             print_error(f"{Summary.failed} of {len(rows)} jobs did not end well; their status.json says why")

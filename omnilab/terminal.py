@@ -6,7 +6,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from omnilab.logbook import load_run
+from omnilab.logbook import LoadedRun, load_run
+
+HEADLINE = 3  # metrics of a run that fit a line
 
 
 def print_error(sentence: str) -> None:
@@ -44,6 +46,19 @@ def show_run(folder: Path) -> None:
     run = load_run(folder)
     rows = [[name, repr(value), run.units[name].replace("1", "", 1)] for name, value in run.metrics.items()]
     print_table(["metric", "value", "unit"], rows, title=str(short(run.folder)))
+
+
+def headline(run: LoadedRun) -> str:
+    """A run's first three metrics, in a line."""
+    return ", ".join(f"{name} {value:.4g}" for name, value in list(run.metrics.items())[:HEADLINE])
+
+
+def print_summary(header: Sequence[str], rows: Sequence[Sequence[str]], title: str) -> None:
+    """Of a sweep's table, what differs between the jobs: their overrides, and the main metrics. The file holds it all."""
+    status = header.index("status")
+    differing = [i for i in range(1, status) if len({row[i] for row in rows}) > 1]
+    chosen = [0, *differing, *range(status, min(status + 1 + HEADLINE, len(header)))]
+    print_table([header[i] for i in chosen], [[row[i] for i in chosen] for row in rows], title)
 
 
 def short(path: Path) -> Path:
