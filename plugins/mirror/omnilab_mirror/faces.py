@@ -11,6 +11,7 @@ import numpy.typing as npt
 from omnilab_mirror.canvas import Paint
 
 Floats = npt.NDArray[np.floating[Any]]
+Bools = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -33,13 +34,15 @@ class Solid:
     low: Floats
     high: Floats
 
-    def holds(self, points: Floats, clearance_m: float) -> npt.NDArray[np.bool_]:
+    def holds(self, points: Floats, clearance_m: float) -> Bools:
         """Which of the points (N, 3) lie inside or nearer than the clearance."""
-        local = self.place.local(points)
-        inside: npt.NDArray[np.bool_] = np.all(
-            (local > self.low - clearance_m) & (local < self.high + clearance_m), axis=1
-        )
-        return inside
+        return self.is_below(points, clearance_m) & (self.place.local(points)[:, 2] < self.high[2] + clearance_m)
+
+    def is_below(self, points: Floats, clearance_m: float) -> Bools:
+        """Which of the points (N, 3) lie inside or straight above: where a robot on the floor would stand in it."""
+        local, low, high = self.place.local(points), self.low - clearance_m, self.high + clearance_m
+        over = np.all((local[:, :2] > low[:2]) & (local[:, :2] < high[:2]), axis=1)
+        return np.asarray(over & (local[:, 2] > low[2]))
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,7 @@ class Mirror:
     color: bool = False  # RGB rather than grey
     samples: int = 4  # rays a pixel: 1, 4, 9, ... against jagged edges
     height_m: float = 1.0  # of the viewpoint, where a layout says nothing
+    on_floor: bool = True  # a robot carries the camera: grids and random poses keep clear of furniture below, too
     batch: int = 64  # images rendered at once
 
     def __post_init__(self) -> None:
@@ -56,7 +57,7 @@ class Mirror:
         from omnilab_mirror.world import load_world
 
         world = load_world(self.world)
-        T_world_camera, omitted = poses_of(layout, world, self.height_m)
+        T_world_camera, omitted = poses_of(layout, world, self.height_m, self.on_floor)
         return Plan(self._keys(world.digest, T_world_camera), T_world_camera, omitted)
 
     def frames(self, plan: Plan) -> Iterator[Frames]:

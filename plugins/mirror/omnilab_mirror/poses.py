@@ -15,8 +15,11 @@ from omnilab_mirror.world import World
 Floats = npt.NDArray[np.floating[Any]]
 
 
-def poses_of(layout: Layout, world: World, height_m: float) -> tuple[Floats, list[str]]:
-    """`T_world_camera` (N, 4, 4) of a layout, and what was left out with its reason."""
+def poses_of(layout: Layout, world: World, height_m: float, on_floor: bool) -> tuple[Floats, list[str]]:
+    """`T_world_camera` (N, 4, 4) of a layout, and what was left out with its reason.
+
+    `on_floor`: the poses of grids and random layouts keep clear of furniture below them, too.
+    """
     if isinstance(layout, RecordedPoses):
         raise DataError("a virtual sensor has recorded nothing; ask it for random poses, a grid with step_m or a path")
     if isinstance(layout, PathPoses):
@@ -24,11 +27,13 @@ def poses_of(layout: Layout, world: World, height_m: float) -> tuple[Floats, lis
     extent = world.map_m if layout.extent_m is None else layout.extent_m
     height = height_m if layout.height_m is None else layout.height_m
     if isinstance(layout, RandomPoses):
-        return _random(layout, world, extent, height), []
-    return _grid(layout, world, extent, height)
+        return _random(layout, world, extent, height, on_floor), []
+    return _grid(layout, world, extent, height, on_floor)
 
 
-def _grid(layout: GridPoses, world: World, extent: tuple[float, float], height: float) -> tuple[Floats, list[str]]:
+def _grid(
+    layout: GridPoses, world: World, extent: tuple[float, float], height: float, on_floor: bool
+) -> tuple[Floats, list[str]]:
     """Both ends of the extent included where the step divides it, row by row, x fastest."""
     if layout.step_m is None or layout.step_m <= 0:
         raise DataError(
@@ -36,7 +41,7 @@ def _grid(layout: GridPoses, world: World, extent: tuple[float, float], height: 
         )
     x, y = (-side / 2 + layout.step_m * np.arange(int(side / layout.step_m + 1e-6) + 1) for side in extent)
     points = np.array([(px, py, height) for py in y for px in x])
-    obstacles = world.obstacles(points)
+    obstacles = world.obstacles(points, on_floor)
     omitted = [f"x={p[0]:.2f} y={p[1]:.2f}: {why}" for p, why in zip(points, obstacles, strict=True) if why]
     free = points[[not why for why in obstacles]]
     if len(free) == 0:
@@ -46,7 +51,7 @@ def _grid(layout: GridPoses, world: World, extent: tuple[float, float], height: 
     return planar_poses(free), omitted
 
 
-def _random(layout: RandomPoses, world: World, extent: tuple[float, float], height: float) -> Floats:
+def _random(layout: RandomPoses, world: World, extent: tuple[float, float], height: float, on_floor: bool) -> Floats:
     """Uniform over the free part of the extent."""
     if layout.count < 1:
         raise DataError(f"count={layout.count} random poses cannot be drawn; give a count of at least 1")
@@ -54,7 +59,7 @@ def _random(layout: RandomPoses, world: World, extent: tuple[float, float], heig
     points = np.empty((0, 3))
     for _ in range(100):
         drawn = np.column_stack([rng.uniform(-half, half, (layout.count, 2)), np.full(layout.count, height)])
-        points = np.concatenate([points, drawn[[not why for why in world.obstacles(drawn)]]])
+        points = np.concatenate([points, drawn[[not why for why in world.obstacles(drawn, on_floor)]]])
         if len(points) >= layout.count:
             return planar_poses(points[: layout.count], _headings(rng, layout))
     raise DataError(

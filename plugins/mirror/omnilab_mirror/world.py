@@ -41,10 +41,15 @@ class World:
     texels_per_m: float
     seed: int
 
-    def obstacles(self, points: Floats) -> list[str]:
-        """What each viewpoint (N, 3) is in the way of: "inside 'table'", "outside the room", or "" where it is free."""
+    def obstacles(self, points: Floats, on_floor: bool = False) -> list[str]:
+        """What each viewpoint (N, 3) is in the way of: "inside 'table'", "outside the room", or "" where it is free.
+
+        `on_floor`: a robot on the floor carries the camera, so what is below the viewpoint is in its way too.
+        """
         found = np.full(len(points), "", object)
         for solid in self.solids:
+            if on_floor:
+                found[solid.is_below(points, CLEARANCE_M)] = f"above '{solid.name}'"
             found[solid.holds(points, CLEARANCE_M)] = f"inside '{solid.name}'"
         if self.room is not None:
             low, high = self.room[0] + CLEARANCE_M, self.room[1] - CLEARANCE_M
