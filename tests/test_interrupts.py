@@ -156,6 +156,7 @@ def test_an_interrupted_run_has_complete_logs(start, omnilab_here, number, stage
     assert "nothing to repair" in omnilab_here("repair", str(run.folder)).stderr
 
 
+@pytest.mark.slow
 def test_an_impatient_user_presses_ctrl_c_again(start):
     run = start(STEP["queries"])
     until_stage(run, "queries")

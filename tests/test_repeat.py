@@ -12,6 +12,7 @@ SMALL = [
     "experiment=quickstart", f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1", "descriptor.offsets=48",
     "descriptor.angles=60", "study.step_m=0.5", "study.query_count=40", "study.show=2",
 ]  # fmt: skip
+NO_LOGS = ["~sink@sinks.rerun", "~sink@sinks.mcap"]
 COMPARED = ("metrics.csv", "queries.csv")
 
 
@@ -29,9 +30,9 @@ def alone(omnilab_in, here):
 
 @pytest.fixture(scope="module")
 def jobs(omnilab_in, here):
-    """Seeds 0 and 1, in one process whose math libraries were told to use another number of threads."""
+    """Seeds 0 and 1, in one process without logs whose math libraries were told to use another number of threads."""
     logs, env = here / "swept", {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONHASHSEED": "7"}
-    result = omnilab_in(here, "-m", *SMALL, "seed=0,1", f"logs={logs}", env=env)
+    result = omnilab_in(here, "-m", *SMALL, "seed=0,1", f"logs={logs}", *NO_LOGS, env=env)
     assert result.rc == 0, result.stderr
     (folder,) = (logs / "quickstart").iterdir()
     return [folder / "0", folder / "1"]
