@@ -99,6 +99,7 @@ def test_a_path_that_cannot_be_written_costs_one_sink(omnilab_here, tmp_path, na
     check_rrd(run) if name == "mcap" else check_mcap(run)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a disk that is always full")
 def test_rerun_on_a_full_disk(omnilab_in, tmp_path):
     folder = tmp_path / "given"
