@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +13,7 @@ from omnilab.api import Floats, Match, Signatures
 from omnilab.errors import DataError
 
 Spectra = npt.NDArray[np.complexfloating[Any, Any]]
-CHUNK = 64  # places correlated at once: what fits the cache
+CHUNK = 64  # matrices transformed at once: what fits the cache
 
 
 @dataclass
@@ -25,20 +26,29 @@ class Poc:
 
     def prepare(self, places: Signatures) -> tuple[Spectra, tuple[int, int]]:
         """Unit-phase spectra of the places, and the shape of their signatures."""
-        return unit_phase(places.place), places.place.shape[1:]
+        return in_chunks(unit_phase, matrices_of(places)), places.place.shape[1:]
 
     def match(self, queries: Signatures, index: tuple[Spectra, tuple[int, int]]) -> Match:
         """Distances and rotations (Q, P)."""
         spectra, shape = index
         distance = np.empty((len(queries), len(spectra)), np.float32)
         rotation = np.empty_like(distance)
-        for q, query in enumerate(unit_phase(queries.place)):
+        for q, query in enumerate(unit_phase(matrices_of(queries))):
             for start in range(0, len(spectra), CHUNK):
                 chunk = slice(start, start + CHUNK)
                 peak, shift = highest(correlate(query, spectra[chunk], shape))
                 distance[q, chunk] = 1 - peak
                 rotation[q, chunk] = 2 * np.pi / shape[1] * shift
         return Match(distance, (rotation + np.pi) % (2 * np.pi) - np.pi)
+
+
+def matrices_of(signatures: Signatures) -> Floats:
+    """The signatures as matrices (N, rows, columns); DataError if they are none."""
+    if signatures.place.ndim != 3:
+        raise DataError(
+            f"signatures of shape {signatures.place.shape[1:]} have no two axes to correlate; choose distance=euclidean"
+        )
+    return signatures.place
 
 
 def unit_phase(matrices: Floats) -> Spectra:
@@ -48,13 +58,19 @@ def unit_phase(matrices: Floats) -> Spectra:
     """
     from scipy import fft
 
-    if matrices.ndim != 3:
-        raise DataError(
-            f"signatures of shape {matrices.shape[1:]} have no two axes to correlate; choose distance=euclidean"
-        )
     spectra = fft.rfft2(matrices, workers=-1)
     modulus = np.abs(spectra)
     return np.divide(spectra, modulus, out=np.zeros_like(spectra), where=modulus > 0)
+
+
+def in_chunks(transform: Callable[[Floats], Spectra], matrices: Floats) -> Spectra:
+    """`transform` of all matrices, a few at a time, so that only its result takes memory."""
+    first = transform(matrices[:CHUNK])
+    result = np.empty((len(matrices), *first.shape[1:]), first.dtype)
+    result[:CHUNK] = first
+    for start in range(CHUNK, len(matrices), CHUNK):
+        result[start : start + CHUNK] = transform(matrices[start : start + CHUNK])
+    return result
 
 
 def correlate(query: Spectra, places: Spectra, shape: tuple[int, int]) -> Floats:

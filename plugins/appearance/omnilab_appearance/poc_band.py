@@ -10,9 +10,11 @@ import numpy.typing as npt
 
 from omnilab.api import Floats, Match, Signatures
 from omnilab.errors import ConfigError
-from omnilab_appearance.poc import unit_phase, vertex
+from omnilab_appearance.poc import in_chunks, matrices_of, unit_phase, vertex
 
+Spectra = npt.NDArray[np.complexfloating[Any, Any]]
 HELD = 2**23  # correlation samples held at once: more queries a product are faster, until memory is the limit
+CUT = 2.5  # standard deviations at which the band ends
 
 
 @dataclass
@@ -20,30 +22,30 @@ class PocBand:
     """Phase-only correlation of the low frequencies, with no shift but that of a rotation: fast, and the most accurate.
 
     The high frequencies of two neighbouring images have unrelated phases, and a shift along the offsets is not a motion
-    that a robot makes: leaving both out costs nothing and keeps what two images share. The similarity is the mean over
-    the band of the cosines of the phase differences, at the best rotation; the distance is 1 minus that, in [0, 2].
-    More angle frequencies favour close places, fewer distant ones; the default serves grids from 0.2 to 2 m.
+    that a robot makes: leaving both out costs nothing and keeps what two images share. The band fades out like a
+    Gaussian. The similarity is the weighted mean over the band of the cosines of the phase differences, at the best
+    rotation; the distance is 1 minus that, in [0, 2].
     """
 
-    angle_band: int = 32  # frequencies along the last axis, from 0
-    offset_band: int = 30  # frequencies along the other axis, from 0, with both signs
+    angle_band: float = 24.0  # standard deviation of the band along the last axis, in frequencies
+    offset_band: float = 20.0  # the same along the other axis
 
     def __post_init__(self) -> None:
-        if self.angle_band < 2 or self.offset_band < 1:
+        if not (self.angle_band > 0 and self.offset_band > 0):
             raise ConfigError(
-                f"a band of {self.angle_band} x {self.offset_band} frequencies holds no rotation; give at least 2 x 1"
+                f"a band of {self.angle_band:g} x {self.offset_band:g} frequencies holds nothing; give two numbers above 0"
             )
 
-    def prepare(self, places: Signatures) -> tuple[npt.NDArray[np.complexfloating[Any, Any]], int]:
+    def prepare(self, places: Signatures) -> tuple[Spectra, int]:
         """The places' band as (frequencies along angles, frequencies along offsets, P), and the number of angles."""
-        return np.ascontiguousarray(self._band(places.place).transpose(2, 1, 0)), places.place.shape[2]
+        band = in_chunks(self._band, matrices_of(places))
+        return np.ascontiguousarray(band.transpose(2, 1, 0)), places.place.shape[2]
 
-    def match(self, queries: Signatures, index: tuple[npt.NDArray[np.complexfloating[Any, Any]], int]) -> Match:
+    def match(self, queries: Signatures, index: tuple[Spectra, int]) -> Match:
         """Distances and rotations (Q, P)."""
         places, angles = index
-        band = np.ascontiguousarray(self._band(queries.place).conj().transpose(2, 0, 1))
-        terms = (2 * len(places) - 1) * places.shape[1]
-        synthesis = _synthesis(len(places), angles) / np.float32(terms)
+        band = np.ascontiguousarray(self._band(matrices_of(queries)).conj().transpose(2, 0, 1))
+        synthesis = _synthesis(len(places), angles)
         distance = np.empty((len(queries), places.shape[2]), np.float32)
         rotation = np.empty_like(distance)
         step = max(1, HELD // (places.shape[2] * angles))
@@ -56,17 +58,24 @@ class PocBand:
             rotation[chunk] = (2 * np.pi / angles * shift).reshape(cross.shape[1:])
         return Match(distance, (rotation + np.pi) % (2 * np.pi) - np.pi)
 
-    def _band(self, matrices: Floats) -> npt.NDArray[np.complexfloating[Any, Any]]:
-        """Unit-phase spectra (N, offset frequencies, angle frequencies), cut to the band."""
-        spectra = unit_phase(matrices)
-        offsets = np.fft.fftfreq(spectra.shape[1], 1 / spectra.shape[1])
-        return spectra[:, np.abs(offsets) < self.offset_band, : min(self.angle_band, (matrices.shape[2] + 1) // 2)]
+    def _band(self, matrices: Floats) -> Spectra:
+        """Unit-phase spectra (N, offset frequencies, angle frequencies), each times the root of its weight."""
+        rows, columns = matrices.shape[1:]
+        offsets, angles = np.fft.fftfreq(rows, 1 / rows), np.arange((columns + 1) // 2)
+        offsets_in = np.abs(offsets) <= CUT * self.offset_band
+        angles_in = angles <= CUT * self.angle_band
+        spectra = unit_phase(matrices)[:, offsets_in][:, :, : angles_in.sum()]
+        along_offsets = np.exp(-0.5 * (offsets[offsets_in] / self.offset_band) ** 2)
+        along_angles = np.exp(-0.5 * (angles[angles_in] / self.angle_band) ** 2)
+        weight = along_offsets[:, None] * along_angles
+        weight /= weight[:, 0].sum() + 2 * weight[:, 1:].sum()  # the other half of a real signal's spectrum is the same
+        return np.asarray(spectra * np.sqrt(weight).astype(np.float32))
 
 
 def _synthesis(frequencies: int, angles: int) -> Floats:
     """(2 x frequencies, angles): from the real and imaginary parts of half a spectrum to the correlation itself."""
     turns = 2 * np.pi * np.outer(np.arange(frequencies), np.arange(angles)) / angles
-    twice = np.where(np.arange(frequencies) == 0, 1, 2)[:, None]  # a real signal's other half
+    twice = np.where(np.arange(frequencies) == 0, 1, 2)[:, None]  # the other half of the spectrum
     return np.concatenate([twice * np.cos(turns), -twice * np.sin(turns)]).astype(np.float32)
 
 

@@ -15,7 +15,7 @@ from omnilab_appearance import Euclidean, Nearest, Poc, PocBand, Radon
 from omnilab_appearance.poc import between, vertex
 
 
-@pytest.mark.parametrize("distance", [Poc(), PocBand(), PocBand(6, 5), Euclidean()])
+@pytest.mark.parametrize("distance", [Poc(), PocBand(), PocBand(6.0, 5.0), Euclidean()])
 def test_keeps_the_contract(distance):
     check_distance(distance)
 
@@ -69,6 +69,20 @@ def test_the_turn_of_an_image_is_found_between_the_samples(distance, turn_deg):
     assert abs((error + 180) % 360 - 180) < 0.5
 
 
+def test_the_band_equals_its_definition():
+    places, query = _matrices(3), _matrices(1, seed=1)
+    method = PocBand(angle_band=3.0, offset_band=2.0)
+    match = method.match(Signatures(query), method.prepare(Signatures(places)))
+    j, k = np.fft.fftfreq(20, 1 / 20)[:, None], np.fft.fftfreq(30, 1 / 30)[None, :]
+    weight = np.exp(-0.5 * (j / 2) ** 2 - 0.5 * (k / 3) ** 2) * (np.abs(j) <= 5) * (np.abs(k) <= 7.5)
+    for p in range(3):
+        phase = np.angle(np.fft.fft2(query[0])) - np.angle(np.fft.fft2(places[p]))
+        turns = np.linspace(0, 2 * np.pi, 3600, endpoint=False)
+        similar = [np.sum(weight * np.cos(phase - k * turn)) / weight.sum() for turn in turns]
+        assert np.isclose(match.distance[0, p], 1 - np.max(similar), atol=5e-3)
+        assert abs(np.angle(np.exp(1j * (match.rotation_rad[0, p] - turns[np.argmax(similar)])))) < 0.2 * 2 * np.pi / 30
+
+
 def test_euclidean_equals_scipy():
     queries, places = _matrices(4, seed=1), _matrices(6)
     match = Euclidean().match(Signatures(queries), Euclidean().prepare(Signatures(places)))
@@ -95,8 +109,10 @@ def test_a_flat_curve_has_its_vertex_in_the_middle():
 def test_signatures_without_two_axes_are_refused():
     with pytest.raises(DataError, match="euclidean"):
         Poc().prepare(Signatures(np.zeros((3, 9), np.float32)))
-    with pytest.raises(ConfigError, match="1 x 40"):
-        PocBand(1, 40)
+    with pytest.raises(DataError, match="euclidean"):
+        PocBand().prepare(Signatures(np.zeros((3, 9), np.float32)))
+    with pytest.raises(ConfigError, match="0 x 40"):
+        PocBand(0, 40)
 
 
 def test_a_map_without_places_or_positions_is_refused():

@@ -36,7 +36,8 @@ class Solid:
 
     def holds(self, points: Floats, clearance_m: float) -> Bools:
         """Which of the points (N, 3) lie inside or nearer than the clearance."""
-        return self.is_below(points, clearance_m) & (self.place.local(points)[:, 2] < self.high[2] + clearance_m)
+        lower = self.place.local(points)[:, 2] < self.high[2] + clearance_m
+        return np.asarray(self.is_below(points, clearance_m) & lower)
 
     def is_below(self, points: Floats, clearance_m: float) -> Bools:
         """Which of the points (N, 3) lie inside or straight above: where a robot on the floor would stand in it."""
