@@ -89,12 +89,17 @@ def runs(argv: list[str]) -> int:
     parser = argparse.ArgumentParser("omnilab runs", description=runs.__doc__)
     parser.add_argument("logs", nargs="?", type=Path, default=Path("logs"), help="where to look (default: logs)")
     options = parser.parse_args(argv)
-    rows = []
-    for run in find_runs(options.logs):
-        overrides = [o for o in run.manifest["overrides"] if not o.startswith("experiment=")]
-        rows.append([str(run.folder.relative_to(options.logs)), run.state, headline(run), " ".join(overrides)])
+    rows = [[str(run.folder.relative_to(options.logs)), *_described(run)] for run in find_runs(options.logs)]
     print_table(["run", "status", "main metrics", "overrides"], rows)
     return 0
+
+
+def _described(run: LoadedRun) -> list[str]:
+    """Status, main metrics, overrides; a damaged run must not hide the others."""
+    try:
+        return [run.state, headline(run), " ".join(o for o in run.manifest["overrides"] if o[:11] != "experiment=")]
+    except DataError as error:
+        return ["unreadable", str(error), ""]
 
 
 def view(argv: list[str]) -> int:

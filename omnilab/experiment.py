@@ -45,7 +45,9 @@ def experiment(argv: list[str], registry: Registry) -> int:
         hydra.main(version_base="1.3", config_path="pkg://omnilab.conf", config_name="config")(task)()
     except (HydraException, OmegaConfBaseException) as error:
         raise ConfigError(sentence(error, registry)) from error
-    except OSError as error:  # Hydra makes the run's folder; where a run itself fails, run.log has the traceback
+    except OSError as error:  # Hydra makes the run's folder
+        if error.filename is None:
+            raise
         raise DataError(f"{error.filename} cannot be used ({error.strerror}); mend that, or give logs=DIR") from error
     except ValueError as error:
         if "Config group override" not in str(error):
@@ -103,6 +105,11 @@ class Summary:
     """A Hydra callback: the table over all jobs of a sweep, written and printed when the last has ended."""
 
     failed: ClassVar[int] = 0  # jobs, of the last sweep
+
+    def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
+        """All jobs go into one folder, also where a sweep is over experiments."""
+        folder = str(config.hydra.sweep.dir).replace("'", "\\'")
+        config.hydra.overrides.hydra.append(f"hydra.sweep.dir='{folder}'")
 
     def on_multirun_end(self, config: DictConfig, **_: Any) -> None:
         folder = Path(config.hydra.sweep.dir)

@@ -10,7 +10,7 @@ import platform
 import secrets
 import subprocess
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
@@ -139,23 +139,26 @@ class LoadedRun:
 
     @cached_property
     def status(self) -> dict[str, Any]:
-        return self._json("status.json")
+        return self._read("status.json", json.loads, "status", "pid")
 
     @cached_property
     def manifest(self) -> dict[str, Any]:
-        return self._json("manifest.json")
+        return self._read("manifest.json", json.loads, "experiment", "overrides")
 
     @cached_property
     def config(self) -> dict[str, Any]:
         """The resolved configuration."""
         import yaml
 
-        return dict(yaml.safe_load((self.folder / "config.yaml").read_text(encoding="utf-8")))
+        return self._read("config.yaml", yaml.safe_load, "study")
 
     @cached_property
     def metrics(self) -> dict[str, float]:
         """By name. Empty for a run that did not finish."""
-        return {row["metric"]: float(row["value"]) for row in self.table("metrics")}
+        try:
+            return {row["metric"]: float(row["value"]) for row in self.table("metrics")}
+        except (KeyError, ValueError) as error:
+            raise self._unreadable("metrics.csv", error) from error
 
     @cached_property
     def units(self) -> dict[str, str]:
@@ -174,8 +177,10 @@ class LoadedRun:
         """Whether the run's process is still there."""
         try:
             os.kill(int(self.status["pid"]), 0)
-        except (ProcessLookupError, PermissionError):
+        except ProcessLookupError:
             return False
+        except PermissionError:  # someone else's process
+            return True
         return True
 
     @property
@@ -184,11 +189,21 @@ class LoadedRun:
         status = str(self.status["status"])
         return KILLED if status == RUNNING and not self.alive else status
 
-    def _json(self, name: str) -> dict[str, Any]:
+    def _read(self, name: str, parse: Callable[[str], Any], *keys: str) -> dict[str, Any]:
+        """A file of the run that must be a mapping with these keys; DataError if it is not."""
         try:
-            return dict(json.loads((self.folder / name).read_text(encoding="utf-8")))
-        except (OSError, ValueError) as error:
-            raise DataError(f"{self.folder / name} cannot be read ({error}); is {self.folder} a run folder?") from error
+            content = parse((self.folder / name).read_text(encoding="utf-8"))
+        except Exception as error:
+            raise self._unreadable(name, error) from error
+        if not isinstance(content, dict) or not content.keys() >= set(keys):
+            raise self._unreadable(name, f"it should hold {', '.join(keys)}")
+        return content
+
+    def _unreadable(self, name: str, why: object) -> DataError:
+        reason = " ".join(str(why).split())
+        return DataError(
+            f"{self.folder / name} cannot be read ({reason}); remove the folder, or run the experiment again"
+        )
 
 
 def load_run(folder: str | Path) -> LoadedRun:
@@ -200,7 +215,9 @@ def load_run(folder: str | Path) -> LoadedRun:
 
 
 def find_runs(logs: str | Path = "logs") -> list[LoadedRun]:
-    """All runs below a folder, oldest first."""
+    """All runs below a folder, oldest first; DataError if there is no such folder."""
+    if not Path(logs).is_dir():
+        raise DataError(f"there is no folder {logs}; give the one that holds the runs (logs=... of an experiment)")
     files = Path(logs).rglob("status.json")
     return [LoadedRun(f.parent) for f in sorted(files, key=lambda f: f.parent.as_posix()) if "latest" not in f.parts]
 

@@ -10,9 +10,9 @@ import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from hydra.core.config_store import ConfigStore
@@ -50,6 +50,13 @@ ConfigStore.instance().store(name="omnilab_run", node=Run, provider="omnilab")
 
 def build(config: DictConfig, registry: Registry) -> Run:
     """Live components from a composed configuration, each slot checked against its Protocol."""
+    for path, settings in _structured(config):
+        known = {f.name for f in fields(cast("type[Any]", OmegaConf.get_type(settings)))}
+        unknown = [str(key) for key in settings if key not in known]
+        if unknown:  # Hydra adds whatever follows a +
+            raise ConfigError(
+                f"'{path}{unknown[0]}' is not a setting, so +{path}{unknown[0]} does nothing; leave it out"
+            )
     try:
         run = OmegaConf.to_object(config)
     except MissingMandatoryValue as error:
@@ -73,6 +80,15 @@ def build(config: DictConfig, registry: Registry) -> Run:
         options = "; ".join(f"{slot}={'|'.join(registry.names(slot))}" for slot in lacking)
         raise ConfigError(f"the study needs a {' and a '.join(lacking)}, and none is chosen; give {options}")
     return run
+
+
+def _structured(config: DictConfig) -> Iterator[tuple[str, DictConfig]]:
+    """The run and each of its components, with the path before their settings."""
+    yield "", config
+    slots = {slot: config[slot] for slot in (*SLOTS, "study") if not OmegaConf.is_missing(config, slot)}
+    for path, value in (slots | {f"sinks.{name}": sink for name, sink in config.sinks.items()}).items():
+        if isinstance(value, DictConfig) and is_dataclass(OmegaConf.get_type(value)):
+            yield f"{path}.", value
 
 
 def _check_slot(path: str, kind: str, value: Any, registry: Registry) -> None:
@@ -124,6 +140,7 @@ def execute(run: Run, folder: Path, registry: Registry, overrides: Sequence[str]
     book.open(manifest_of(run, registry, overrides, experiment, config_yaml), config_yaml, Path(run.logs) / "latest")
     recorder = Recorder(run.sinks, folder)
     start = time.perf_counter()
+    log.info("run of experiment '%s' starts: %s", experiment, " ".join(overrides))
     try:
         with _signals(recorder), recorder, pinned(run.threads):
             for failure in registry.failures:
@@ -139,6 +156,7 @@ def execute(run: Run, folder: Path, registry: Registry, overrides: Sequence[str]
         raise
     else:
         book.status(DONE, sinks_dropped=recorder.dropped)
+        log.info("done in %.1f s", time.perf_counter() - start)
     finally:
         book.write_costs(_costs(recorder, time.perf_counter() - start))
         book.close()
@@ -217,6 +235,12 @@ def _component(
     slot: str, kind: str, settings: Mapping[str, Any], manifest: Mapping[str, Any], registry: Registry
 ) -> DictConfig:
     cls = registry.get(kind, manifest["components"][slot]["name"]).cls
-    merged = OmegaConf.merge(OmegaConf.structured(cls), settings)
+    try:
+        merged = OmegaConf.merge(OmegaConf.structured(cls), settings)
+    except OmegaConfBaseException as error:
+        reason = str(error).splitlines()[0]
+        raise ConfigError(
+            f"the run's {slot} no longer fits {cls.__name__} ({reason}); run the experiment anew"
+        ) from error
     assert isinstance(merged, DictConfig)
     return merged

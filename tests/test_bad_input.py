@@ -291,3 +291,53 @@ def test_a_run_without_a_recording_cannot_be_viewed(omnilab_here, refused):
     sentence = refused("view", "logs/latest")
     assert "run.rrd does not exist" in sentence
     assert "sink rerun" in sentence
+
+
+@pytest.mark.parametrize(
+    ("file", "text"),
+    [
+        ("status.json", "[]"),
+        ("manifest.json", "{}"),
+        ("config.yaml", "a: [unclosed"),
+        ("config.yaml", "sensor: {}"),
+        ("metrics.csv", "metric,value,unit\nnearest_rate,much,1\n"),
+        ("metrics.csv", "name\nnearest_rate\n"),
+    ],
+)
+def test_a_damaged_file_of_a_run_is_named_and_hides_no_other_run(omnilab_here, refused, tmp_path, file, text):
+    for _ in range(2):
+        assert omnilab_here(*SMALL, "~sinks.rerun", "~sinks.mcap").rc == 0
+    damaged = (tmp_path / "logs/latest").resolve()
+    (damaged / file).write_text(text)
+    if file in ("manifest.json", "config.yaml"):
+        assert file in refused("repeat", str(damaged))
+    listed = omnilab_here("runs")
+    assert listed.rc == 0
+    assert listed.stdout.count("nearest_rate") >= 1
+    if file != "config.yaml":  # which is not needed for the list
+        assert "unreadable" in listed.stdout
+
+
+def test_settings_that_do_not_exist_are_refused_after_a_plus_too(refused):
+    assert "'study.colour' is not a setting" in refused(*SMALL, "+study.colour=red")
+    assert "'speed' is not a setting" in refused(*SMALL, "+speed=3")
+    assert "'sinks.console.x' is not a setting" in refused(*SMALL, "+sinks.console.x=1")
+
+
+def test_a_saved_run_that_no_longer_fits_is_told(omnilab_here, refused, tmp_path):
+    assert omnilab_here(*SMALL, "~sinks.rerun", "~sinks.mcap").rc == 0
+    config = tmp_path / "logs/latest/config.yaml"
+    config.write_text(config.read_text().replace("offsets:", "ofsets:"))
+    assert "no longer fits Radon" in refused("repeat")
+
+
+def test_runs_of_a_folder_that_does_not_exist(refused):
+    assert "there is no folder nowhere" in refused("runs", "nowhere")
+
+
+def test_a_sweep_over_experiments_has_one_folder(omnilab_here, tmp_path):
+    rest = [o for o in SMALL if not o.startswith("experiment=")]
+    done = omnilab_here("-m", *rest, "experiment=quickstart,grid", "~sinks.rerun", "~sinks.mcap")
+    assert done.rc == 0
+    (summary,) = (tmp_path / "logs").rglob("summary.csv")
+    assert sorted(job.name for job in summary.parent.iterdir() if job.is_dir()) == ["0", "1"]

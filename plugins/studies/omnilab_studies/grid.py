@@ -81,6 +81,8 @@ class Grid:
             raise ConfigError(f"study.every={self.every} takes no rows; give 1 or more")
         if self.query_count < 1:
             raise ConfigError(f"study.query_count={self.query_count} asks nothing; give 1 or more")
+        if self.show < 0:
+            raise ConfigError(f"study.show={self.show} shows nothing; give 0 for no pictures, or how many")
         if self.extent_m is not None and (len(self.extent_m) != 2 or min(self.extent_m) <= 0):
             raise ConfigError(f"study.extent_m={self.extent_m} is no area; give [x, y] in metres")
 
@@ -91,6 +93,7 @@ class Grid:
             record.log("room", scene)
 
         # the map: every place of the grid, described
+        plan = parts.sensor.plan(self._layout(rng))  # of the queries: what cannot be had is said before the work begins
         places, omitted = describe_places(parts, parts.sensor.plan(self._grid()), record)
         places_m = known_poses(places.T_world_camera, "places")[:, :3, 3]
         record.log("places", PlaceMap(places_m))
@@ -98,7 +101,6 @@ class Grid:
             index = parts.localizer.prepare(places, parts.distance)
 
         # the queries: localised batch by batch, and scored against where they were taken
-        plan = parts.sensor.plan(self._layout(rng))
         example = _Example()
         batches: list[Scored] = []
         for frames in deliver(parts, plan, record, "queries"):
