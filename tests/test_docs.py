@@ -1,0 +1,56 @@
+"""The documents say what is true: shown files, listed components and commands, and code that runs."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from omnilab.cli import COMMANDS
+from omnilab.registry import KINDS, discover
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def _blocks(language):
+    return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
+
+
+@pytest.mark.parametrize(("language", "file"), [("python", "omnilab_tiny.py"), ("toml", "pyproject.toml")])
+def test_add_your_own_is_what_the_tests_install(language, file):
+    shown = (ROOT / "tests/third_party" / file).read_text(encoding="utf-8")
+    assert shown in _blocks(language)
+
+
+def test_what_a_newcomer_needs_is_on_the_first_pages():
+    end = README.index("```", README.index("```toml") + 3)
+    assert README[:end].count("\n") < 80
+    assert (ROOT / re.search(r"!\[.*?\]\((.*?)\)", README, flags=re.DOTALL)[1]).is_file()
+
+
+def test_the_table_of_components_is_complete():
+    registry = discover("")
+    for kind in KINDS:
+        row = re.search(rf"^\| {kind} \|(.*)\|$", README, flags=re.MULTILINE)
+        assert row, f"README has no row for {kind}"
+        assert set(registry.names(kind)) <= set(re.findall(r"`(\w+)`", row[1]))
+
+
+def test_every_command_and_recipe_is_shown():
+    for command in COMMANDS:
+        assert f"omnilab {command}" in README
+    for recipe in (ROOT / "conf/experiment").glob("*.yaml"):
+        assert f"experiment={recipe.stem}" in README or recipe.stem == "quickstart"
+
+
+def test_the_library_example_runs(tmp_path, monkeypatch, capsys, request):
+    request.getfixturevalue("omnilab_here")("study.step_m=2", "study.query_count=4", "study.show=1", "sensor.size=64")
+    (example,) = [block for block in _blocks("python") if "Recorder" in block]
+    exec(compile(example, "README.md", "exec"), {})
+    assert "nearest_rate" in capsys.readouterr().out
+
+
+def test_contributing_names_files_that_exist():
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    for path in re.findall(r"`((?:omnilab|plugins|conf|tests)/[\w/.]+)`", text):
+        assert (ROOT / path.replace("NAME", "quickstart")).exists(), path
