@@ -41,7 +41,7 @@ class Run:
     study: Any = MISSING
     sinks: dict[str, Any] = field(default_factory=dict)
     seed: int = 0
-    threads: int = 2  # of the math libraries: results are only the same bit for bit with the same number
+    threads: int = 1  # of each matrix product: results are only the same bit for bit with the same number
     logs: str = "logs"  # where run folders go
 
 

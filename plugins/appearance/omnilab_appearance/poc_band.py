@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,8 +15,11 @@ from omnilab.api import Floats, Match, Signatures
 from omnilab.errors import ConfigError
 from omnilab_appearance.poc import in_chunks, matrices_of, unit_phase, vertex
 
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
+
 Spectra = npt.NDArray[np.complexfloating[Any, Any]]
-HELD = 2**23  # correlation samples held at once: more queries a product are faster, until memory is the limit
+HELD = 2**21  # correlation samples held at once: what the cache and the memory like
 CUT = 2.5  # standard deviations at which the band ends
 
 
@@ -48,14 +54,19 @@ class PocBand:
         synthesis = _synthesis(len(places), angles)
         distance = np.empty((len(queries), places.shape[2]), np.float32)
         rotation = np.empty_like(distance)
-        step = max(1, HELD // (places.shape[2] * angles))
-        for start in range(0, len(queries), step):
+        step = max(1, HELD // (max(1, len(queries)) * angles))
+
+        def compare(start: int) -> None:
             chunk = slice(start, start + step)
-            cross = np.matmul(band[:, chunk], places)  # (frequencies, queries, places), summed over the offsets
+            cross = np.matmul(band, places[:, :, chunk])  # (frequencies, queries, places), summed over the offsets
             parts = np.concatenate([cross.real, cross.imag]).reshape(2 * len(places), -1)
             peak, shift = _highest(parts.T @ synthesis)
-            distance[chunk] = 1 - peak.reshape(cross.shape[1:])
-            rotation[chunk] = (2 * np.pi / angles * shift).reshape(cross.shape[1:])
+            distance[:, chunk] = 1 - peak.reshape(cross.shape[1:])
+            rotation[:, chunk] = (2 * np.pi / angles * shift).reshape(cross.shape[1:])
+
+        # a thread a block, and none within: the sums do not depend on their number, and they do not wait for each other
+        with _blas().limit(limits=1, user_api="blas"), ThreadPoolExecutor(os.cpu_count()) as pool:
+            list(pool.map(compare, range(0, places.shape[2], step)))
         return Match(distance, (rotation + np.pi) % (2 * np.pi) - np.pi)
 
     def _band(self, matrices: Floats) -> Spectra:
@@ -70,6 +81,13 @@ class PocBand:
         weight = along_offsets[:, None] * along_angles
         weight /= weight[:, 0].sum() + 2 * weight[:, 1:].sum()  # the other half of a real signal's spectrum is the same
         return np.asarray(spectra * np.sqrt(weight).astype(np.float32))
+
+
+@cache
+def _blas() -> ThreadpoolController:
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
 
 
 def _synthesis(frequencies: int, angles: int) -> Floats:
