@@ -407,3 +407,15 @@ def write_recording(folder: Path, mirror: Mirror, T_world_camera: np.ndarray) ->
             yaw = math.degrees(math.atan2(T[1, 0], T[0, 0]))
             lines.append(f"{index:03d}.png,{float(T[0, 3])!r},{float(T[1, 3])!r},{float(T[2, 3])!r},{yaw!r}")
     (folder / "positions.csv").write_text("\n".join(lines) + "\n")
+
+
+@pytest.mark.slow
+def test_the_recipe_of_the_published_forest(omnilab_here, tmp_path):
+    data = Path(__file__).parents[2] / "shared/data/bearingnet_forest_grid"
+    if not data.is_dir():
+        pytest.skip(f"the forest's images are not at {data}")
+    assert omnilab_here("experiment=recorded_forest", f"sensor.path={data}").rc == 0
+    metrics = load_run(tmp_path / "logs/latest").metrics
+    assert (metrics["places"], metrics["queries"], metrics["left_out"]) == (25, 75, 0)
+    assert metrics["heading_error_median"] < 1  # all images have one heading
+    assert metrics["nearest_rate"] > 0.5  # chance: 0.1

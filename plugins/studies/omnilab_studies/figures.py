@@ -52,7 +52,7 @@ def error_map(
     axes.plot(lines[:, 0], lines[:, 1], "-", color=COLORS["wrong"], linewidth=0.8, label=label, zorder=2)
     figure.colorbar(shown, ax=axes, label="position error [m]", extend="max")
     _as_floor_plan(axes, "Position error of every query")
-    axes.legend(loc="upper right", fontsize=8, framealpha=0.9)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2, fontsize=8, frameon=False)
     return figure
 
 
@@ -66,7 +66,7 @@ def surface(places_m: Floats, field: Floats, truth_m: Floats, answer_m: Floats) 
     axes.plot(*answer_m[:2], "x", markersize=9, color=COLORS["wrong"], markeredgewidth=2, label="answer")
     figure.colorbar(shown, ax=axes, label="distance of the signatures")
     _as_floor_plan(axes, f"Distance surface of the query at ({truth_m[0]:.3f}, {truth_m[1]:.3f}) m")
-    axes.legend(loc="upper right", fontsize=8, framealpha=0.9)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2, fontsize=8, frameon=False)
     return figure
 
 
