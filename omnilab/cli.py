@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import inspect
 import re
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from pathlib import Path
 
 from omnilab.errors import ConfigError, DataError, OmnilabError
 from omnilab.logbook import KILLED, RUNNING, LoadedRun, Logbook, find_runs, load_run, new_folder_name
 from omnilab.registry import KINDS, Registry, discover
-from omnilab.terminal import headline, print_error, print_table, short, show_run
+from omnilab.terminal import did_you_mean, headline, print_error, print_table, short, show_run
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -56,11 +58,15 @@ def discover_loudly() -> Registry:
 
 
 def plugins(argv: list[str]) -> int:
-    """List every component there is; failures last."""
+    """List every component there is, failures last; or show the manual of those that are named."""
     parser = argparse.ArgumentParser("omnilab plugins", description=plugins.__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help="show the manual and the settings of this component")
     parser.add_argument("-v", "--verbose", action="store_true", help="show the tracebacks of plugins that failed")
     options = parser.parse_args(argv)
     registry = discover()
+    if options.names:
+        _print_manuals(options.names, registry)
+        return 0
     _print_plugins(registry)
     for failure in registry.failures:
         print_error(failure.sentence)
@@ -82,6 +88,29 @@ def _print_plugins(registry: Registry) -> None:
             origin = f"{cls.__module__}.{cls.__qualname__}, {plugin.distribution} {plugin.version}"
             console.print(f"  [cyan]{name}[/cyan]  [dim]{origin}[/dim]", soft_wrap=True)
             console.print(Padding(component.summary, (0, 0, 0, 6)), markup=False)
+
+
+def _print_manuals(names: Sequence[str], registry: Registry) -> None:
+    from rich.console import Console
+
+    console = Console(highlight=False, soft_wrap=True)
+    for name in names:
+        found = [component for component in registry.components.values() if component.name == name]
+        if not found:
+            known = sorted({component.name for component in registry.components.values()})
+            raise ConfigError(f"there is no component '{name}'; there is {', '.join(known)}{did_you_mean(name, known)}")
+        for component in found:
+            console.print(f"[bold]{component.kind}={name}[/bold]  [dim]{component.plugin.title}[/dim]")
+            console.print(inspect.cleandoc(component.cls.__doc__ or "(no docstring)") + "\n", markup=False)
+            for line in settings_of(component.cls):
+                console.print(f"    {line}", markup=False)
+
+
+def settings_of(cls: type) -> list[str]:
+    """The lines of a component's source that declare its settings, comments and all."""
+    wanted = {field.name for field in fields(cls)}
+    lines = (line.strip() for line in inspect.getsource(cls).splitlines())
+    return [line for line in lines if (found := re.match(r"(\w+): ", line)) and found[1] in wanted]
 
 
 def runs(argv: list[str]) -> int:
@@ -113,6 +142,8 @@ def view(argv: list[str]) -> int:
     if run.state == KILLED:
         mend(run, registry)
     registry.get("sink", "rerun").cls().view(run.folder, screenshot=options.screenshot, step=options.step)
+    if options.screenshot is not None:
+        print_error(f"the picture is {options.screenshot}")
     return 0
 
 
@@ -125,13 +156,15 @@ def repeat(argv: list[str]) -> int:
     first = load_run(options.run)
     if "components" not in first.manifest:
         raise DataError(f"{options.run} could not be built, so there is nothing to repeat: {first.status.get('error')}")
+    if not first.metrics:
+        raise DataError(
+            f"{options.run} did not finish ({first.state}), so there is nothing to compare with; run it anew"
+        )
     run = again(first.config, first.manifest, registry)
     name = str(first.manifest["experiment"])
     folder = Path(run.logs) / name / new_folder_name()
     execute(run, folder, registry, first.manifest["overrides"], name)
     show_run(folder)
-    if not first.metrics:
-        raise DataError(f"{options.run} did not finish ({first.state}), so there is nothing to compare with")
     second = load_run(folder).metrics
     different = [n for n in first.metrics | second if repr(first.metrics.get(n)) != repr(second.get(n))]
     if different:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 import re
 import sys
@@ -23,7 +22,7 @@ from omnilab.errors import ConfigError, DataError, OmnilabError
 from omnilab.logbook import FAILED, Logbook, load_run, new_folder_name, origin, write_summary
 from omnilab.registry import Registry
 from omnilab.run import Run, build, execute
-from omnilab.terminal import headline, print_error, print_summary, short, show_run
+from omnilab.terminal import did_you_mean, headline, print_error, print_summary, short, show_run
 
 
 def experiment(argv: list[str], registry: Registry) -> int:
@@ -154,9 +153,3 @@ def _missing_key(key: str, owner: str, text: str, registry: Registry) -> str:
     path = found[1] if (found := re.search(r"Could not override '([^']+)'", text)) else key
     where = "a run" if cls is Run else owner
     return f"'{path}' is not a setting of {where}; there is {', '.join(known)}{did_you_mean(key, known)}"
-
-
-def did_you_mean(word: str, known: Iterable[str], prefix: str = "") -> str:
-    """A suggestion in brackets, or nothing."""
-    close = difflib.get_close_matches(word, list(known), n=1)
-    return f" (did you mean {prefix}{close[0]}?)" if close else ""

@@ -75,8 +75,9 @@ class Logbook:
 
 
 def _number(value: Any) -> str:
-    """The shortest text that reads back as the same float."""
-    return repr(float(value))
+    """The shortest text that reads back as the same number."""
+    number = float(value)
+    return str(int(number)) if number.is_integer() and abs(number) < 2**53 else repr(number)
 
 
 def write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
@@ -124,7 +125,9 @@ def _commit() -> str | None:
     git = ["git", "-C", str(source)]
     try:
         head = subprocess.run([*git, "rev-parse", "HEAD"], capture_output=True, text=True, timeout=5, check=True)
-        changes = subprocess.run([*git, "status", "--porcelain"], capture_output=True, text=True, timeout=5, check=True)
+        changes = subprocess.run(
+            [*git, "status", "--porcelain", "-uno"], capture_output=True, text=True, timeout=5, check=True
+        )
     except (OSError, subprocess.SubprocessError):
         return None
     return head.stdout.strip() + ("+changes" if changes.stdout.strip() else "")
@@ -210,7 +213,12 @@ def load_run(folder: str | Path) -> LoadedRun:
     """The run in a folder; DataError if there is none."""
     path = Path(folder)
     if not (path / "status.json").is_file():
-        raise DataError(f"{path} holds no run (no status.json); `omnilab runs` lists the runs there are")
+        jobs = (
+            f", but the jobs of a sweep: give one, such as {path / '0'}"
+            if (path / "0" / "status.json").is_file()
+            else ""
+        )
+        raise DataError(f"{path} holds no run (no status.json){jobs}; `omnilab runs` lists the runs there are")
     return LoadedRun(path.resolve())
 
 

@@ -234,7 +234,10 @@ def again(saved: Mapping[str, Any], manifest: Mapping[str, Any], registry: Regis
 def _component(
     slot: str, kind: str, settings: Mapping[str, Any], manifest: Mapping[str, Any], registry: Registry
 ) -> DictConfig:
-    cls = registry.get(kind, manifest["components"][slot]["name"]).cls
+    used = manifest["components"][slot]
+    if (kind, used["name"]) not in registry.components:
+        raise ConfigError(f"{registry.missing(kind, used['name'])}; the run had it from {used['distribution']}")
+    cls = registry.get(kind, used["name"]).cls
     try:
         merged = OmegaConf.merge(OmegaConf.structured(cls), settings)
     except OmegaConfBaseException as error:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from omnilab.logbook import LoadedRun, load_run
@@ -22,7 +23,7 @@ def print_table(header: Sequence[str], rows: Sequence[Sequence[str]], title: str
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(*header, box=box.SIMPLE_HEAD, pad_edge=False)
+    table = Table(*header, box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     for row in rows:
         table.add_row(*(_brief(cell) for cell in row))
     console = Console()
@@ -64,3 +65,9 @@ def print_summary(header: Sequence[str], rows: Sequence[Sequence[str]], title: s
 def short(path: Path) -> Path:
     """Relative to where we are, if it lies below."""
     return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
+
+
+def did_you_mean(word: str, known: Iterable[str], prefix: str = "") -> str:
+    """A suggestion in brackets, or nothing."""
+    close = difflib.get_close_matches(word, list(known), n=1)
+    return f" (did you mean {prefix}{close[0]}?)" if close else ""

@@ -33,6 +33,7 @@ def check_descriptor(descriptor: Any) -> None:
     _common("descriptor", descriptor)
     images = _pictures(descriptor.view, descriptor.color)
     first = descriptor.describe(images)
+    _expect(isinstance(first, Signatures), f"describes images as {type(first).__name__}, not as Signatures")
     for part in (first.place, *([] if first.heading is None else [first.heading])):
         _expect(len(part) == len(images), f"describes {len(images)} images as {len(part)} signatures")
         _expect(part.dtype == np.float32, f"signatures are {part.dtype}, float32 is expected")
@@ -48,7 +49,10 @@ def check_descriptor(descriptor: Any) -> None:
 
 def _check_turn(descriptor: Any, images: Bytes, before: Signatures) -> None:
     """A quarter turn of the camera moves pixels exactly, so what it does to signatures is known exactly."""
-    _expect(descriptor.turned in {"shifts", "same", "changes"}, f"turned={descriptor.turned!r} is not known")
+    _expect(
+        descriptor.turned in {"shifts", "same", "changes"},
+        f"turned={descriptor.turned!r} is none of 'shifts', 'same', 'changes'",
+    )
     if descriptor.turned == "changes":
         return
     if descriptor.view == "mirror":

@@ -349,3 +349,13 @@ def test_every_default_pickles_and_passes_through_the_configuration_unchanged() 
         assert OmegaConf.to_object(node) == default, component.name
         complete += 1
     assert complete >= len(KINDS)
+
+
+def test_the_manual_of_a_component_shows_its_settings(omnilab_here: Callable[..., Any]) -> None:
+    rc, out, err = omnilab_here("plugins", "radon")
+    assert (rc, err) == (0, "")
+    assert "descriptor=radon" in out
+    assert "offsets: int = 173  # samples across the image circle" in out
+    rc, out, err = omnilab_here("plugins", "radn")
+    assert rc == 2
+    assert "did you mean radon?" in err

@@ -298,7 +298,7 @@ def test_the_summary_holds_overrides_and_metrics_of_each_job(sweep):
 
 def test_the_summary_is_printed(sweep):
     result, folder = sweep
-    title, _, header, _, *lines = result.stdout.splitlines()
+    title, header, _, *lines = result.stdout.splitlines()
     assert title == f"logs/quickstart/{folder.name}/summary.csv"
     assert header.split() == ["job", "study.step_m", "distance", "status", "nearest_rate", "second_rate", "wrong_rate"]
     for row, line in zip(rows_of(folder / "summary.csv"), lines, strict=False):

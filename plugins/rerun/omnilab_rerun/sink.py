@@ -100,11 +100,12 @@ class RerunSink:
     def _measure(self, path: str, record: PlaceMap | Mesh) -> None:
         """Remember how large the world and how fine the map is, for the eye and for what is drawn."""
         from omnilab_rerun.blueprint import absolute
-        from omnilab_rerun.drawing import spacing_m
+        from omnilab_rerun.drawing import LONE_M, spacing_m
 
         points = record.vertices_m if isinstance(record, Mesh) else record.position_m
         if isinstance(record, PlaceMap):
-            self._spacing_m = spacing_m(points)
+            # markers as large as the spacing of a coarse map would hide it
+            self._spacing_m = min(spacing_m(points), float(np.ptp(points, axis=0).max()) / 25 or LONE_M)
         if absolute(path) not in self._extents and len(points):
             self._extents[absolute(path)] = np.stack([np.min(points, 0), np.max(points, 0)])
 

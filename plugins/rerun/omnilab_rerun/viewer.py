@@ -37,7 +37,11 @@ def show(recording: Path) -> None:
 def take_picture(recording: Path, picture: Path, step: int | None, size: tuple[int, int]) -> None:
     """Show a step of the recording in a viewer without a window, and write what is seen as a PNG."""
     _exists(recording)
-    picture.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        picture.parent.mkdir(parents=True, exist_ok=True)
+        picture.touch()
+    except OSError as error:
+        raise DataError(f"the picture {picture} cannot be written ({error.strerror}); give another path") from error
     step = last_step_with_image(recording) if step is None else step
     with _headless_viewer(recording, size) as client:
         client.run_command("ui.toggle_top_panel")

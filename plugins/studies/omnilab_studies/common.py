@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from omnilab.api import (
     Signatures,
     Tick,
 )
-from omnilab.errors import DataError
+from omnilab.errors import DataError, PluginError
 from omnilab.projection import panorama, view_of
 
 
@@ -46,7 +47,15 @@ def _timed(frames: Iterator[Frames], record: Recorder, stage: str) -> Iterator[F
 def describe(descriptor: Descriptor, frames: Frames, record: Recorder) -> Signatures:
     """Signatures of frames, each prepared as the descriptor wants to see it."""
     with record.timed("describe", len(frames)):
-        return descriptor.describe(view_of(frames.images, frames.camera, descriptor.view, descriptor.color))
+        described = descriptor.describe(view_of(frames.images, frames.camera, descriptor.view, descriptor.color))
+    place: Any = getattr(described, "place", described)  # a plugin's mistake may be of any type
+    if place is described or len(place) != len(frames) or place.dtype != np.float32:
+        found = f"{type(described).__name__} of {getattr(place, 'dtype', '?')} {getattr(place, 'shape', '?')}"
+        raise PluginError(
+            f"{type(descriptor).__name__} describes {len(frames)} images as {found}; return Signatures whose place is float32"
+            " (N, ...): omnilab.testing.check_descriptor finds such things"
+        )
+    return described
 
 
 def describe_places(parts: Parts, plan: Plan, record: Recorder) -> tuple[Places, list[str]]:

@@ -60,11 +60,11 @@ def surface(places_m: Floats, field: Floats, truth_m: Floats, answer_m: Floats) 
     """The distance of one query to every place (thesis, figure 4.12)."""
     figure = _figure(7.2, 5.2)
     axes = figure.subplots()
-    shown = axes.scatter(places_m[:, 0], places_m[:, 1], c=field, s=_dot_size(places_m), cmap="viridis", marker="s")
+    shown = axes.scatter(places_m[:, 0], places_m[:, 1], c=field, s=_dot_size(places_m), cmap="viridis_r", marker="s")
     axes.plot(*truth_m[:2], "o", markersize=11, markerfacecolor="none", markeredgecolor="white", markeredgewidth=2)
     axes.plot(*truth_m[:2], "o", markersize=11, markerfacecolor="none", markeredgecolor="black", label="query")
     axes.plot(*answer_m[:2], "x", markersize=9, color=COLORS["wrong"], markeredgewidth=2, label="answer")
-    figure.colorbar(shown, ax=axes, label="distance of the signatures")
+    figure.colorbar(shown, ax=axes, label="distance of the signatures (bright: alike)")
     _as_floor_plan(axes, f"Distance surface of the query at ({truth_m[0]:.3f}, {truth_m[1]:.3f}) m")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2, fontsize=8, frameon=False)
     return figure

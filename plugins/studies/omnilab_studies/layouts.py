@@ -5,7 +5,7 @@ from omnilab.api import Panel, ViewLayout
 PLACES = ViewLayout(
     columns=(
         (
-            Panel("map", "Room, places and queries", ("room", "places", "camera", "estimate", "answers")),
+            Panel("map", "Places and queries", ("room", "places", "camera", "estimate", "answers")),
             Panel("map", "Distance of the query to every place", ("distances",)),
         ),
         (

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from omnilab.api import Circle, Estimates, Frames, GridPoses, Parts, Plan, RandomPoses, RecordedPoses, Signatures
-from omnilab.errors import ConfigError, DataError
+from omnilab.errors import ConfigError, DataError, PluginError
 from omnilab.geometry import heading_of, planar_poses
 from omnilab.projection import ImageCircle
 from omnilab.record import Recorder
@@ -169,3 +169,17 @@ def test_a_sensor_without_positions_is_refused():
 def test_settings_that_make_no_study_are_refused(settings):
     with pytest.raises(ConfigError, match=r"study\."):
         Grid(**settings)
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [lambda place: place, lambda place: Signatures(place.astype(float)), lambda place: Signatures(place[:1])],
+    ids=["bare array", "float64", "too few"],
+)
+def test_a_descriptor_that_breaks_the_contract_is_named(answer):
+    class Broken(Read):
+        def describe(self, images):
+            return answer(super().describe(images).place)
+
+    with pytest.raises(PluginError, match=r"Broken describes \d+ images as .*check_descriptor"):
+        _run(Grid(step_m=1.0, query_count=5), descriptor=Broken())
