@@ -1,14 +1,14 @@
 """Central cameras around one optical axis: those that calibration tools describe, and those of lenses.
 
-The literature's frame is (right, down, forward) in the picture, forward along the optical axis. `looks` says how it lies in
-the camera frame of `omnilab.api`:
+The literature's frame is (right, down, forward) in the picture, forward along the optical axis. `looks` says how it lies
+in the camera frame of `omnilab.api`:
 
 * ``down`` (a mirror above its camera, or a lens that looks down): right, down, forward are +x, -y, -z.
 * ``up`` (a mirror below its camera, or a lens that looks up): +x, -y, +z.
 * ``ahead`` (a lens that looks along +x): -y, -z, +x.
 
-A camera that itself looks up, into a mirror or at the sky, takes pictures with azimuth running clockwise: flip them left to
-right, and calibrations made on what it took with `flipped`.
+A camera that itself looks up, into a mirror or at the sky, takes pictures with azimuth running clockwise: flip them left
+to right, and with `flipped` the camera that was calibrated on them.
 """
 
 from __future__ import annotations
@@ -113,10 +113,10 @@ class AxialCamera(CentralCamera):
 
 @dataclass(frozen=True, kw_only=True)
 class UnifiedCamera(AxialCamera):
-    """The unified model of central catadioptric cameras (Geyer & Daniilidis, 2000; Barreto & Araujo, 2001; Mei & Rives, 2007).
+    """The unified model of central catadioptric cameras (Geyer & Daniilidis, 2000; Barreto & Araujo, 2001).
 
-    A unit direction (X, Y, Z) = (right, down, forward) appears at K (X / (Z + xi), Y / (Z + xi), 1); no lens distortion.
-    xi is 0 for a pinhole, 1 for a parabolic mirror and 2 c b / (b^2 + c^2) for the hyperbolic mirror of
+    Axes and K are those of Mei & Rives (2007), without their lens distortion. A unit direction (X, Y, Z) = (right, down, forward) appears at
+    K (X / (Z + xi), Y / (Z + xi), 1). xi is 0 for a pinhole, 1 for a parabolic mirror and 2 c b / (b^2 + c^2) for the hyperbolic mirror of
     `omnilab.projection`.
     """
 

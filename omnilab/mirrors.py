@@ -138,8 +138,8 @@ class ParabolicMirror(MirrorCamera):
     """An orthographic camera that looks up into a parabolic mirror (Nayar, 1997; named in Berenguer's thesis, 3.2).
 
     The mirror is z = (x^2 + y^2) / 2h - h / 2 with its focus, the viewpoint, at the origin: it has the radius h where it
-    shows the horizon. All rays to the camera are parallel to the axis, and the image is a stereographic one. Lengths are
-    in millimetres, and only their ratio matters. `crop` is that of `HyperbolicMirror`, here 1.0 by default.
+    shows the horizon. All rays to the camera are parallel to the axis, and the image is a stereographic one. Lengths
+    are in millimetres, and only their ratio matters. `crop` is that of `HyperbolicMirror`, here 1.0 by default.
     """
 
     crop: float = 1.0
@@ -176,7 +176,7 @@ THESIS_WHOLE = HyperbolicMirror(crop=1.0)
 EIZOH_WIDE_70 = HyperbolicMirror(size=960, crop=1.0, a_mm=23.5, b_mm=80.8, rim_mm=64.15, margin_px=160)
 """Eizoh Wide 70 with a camera of 1280 x 960 pixels, the mirror filling the height.
 
-Its data sheet fits no hyperbola with one viewpoint. Kept are the diameter of 70 mm, the 165 mm from camera to mirror and
-the +60 degrees at the rim; given up are the printed height (35 mm; 64 here) and the lower end at -60 degrees (here the
-image reaches straight down, where a real one shows the camera).
+Its data sheet fits no hyperbola with one viewpoint. Kept are the diameter of 70 mm, the 165 mm from camera to mirror
+and the +60 degrees at the rim; given up are the printed height (35 mm; 64 here) and the lower end at -60 degrees (here
+the image reaches straight down, where a real one shows the camera).
 """

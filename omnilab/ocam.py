@@ -32,9 +32,9 @@ class OCamCamera(AxialCamera):
 
     A pixel at (down, right) from the centre is A (x, y) with A = [[c, d], [e, 1]], and looks to (x, y, f(rho)),
     rho = |(x, y)|, f(rho) = a0 + a1 rho + a2 rho^2 ... The toolbox's axes are x down, y right and z towards the viewer
-    (a0 < 0); where a0 > 0 (some other tools) z points forward. The inverse is solved to machine precision; files also hold a
-    polynomial that approximates it, which is not used. Beyond where the angle to the axis stops growing with rho the
-    model has no rays.
+    (a0 < 0); where a0 > 0 (some other tools) z points forward. The inverse is solved to machine precision; files also
+    hold a polynomial that approximates it, which is not used. Beyond where the angle to the axis stops growing with rho
+    the model has no rays.
     """
 
     polynomial: tuple[float, ...]  # a0, a1, a2 ..., in pixels
@@ -56,10 +56,13 @@ class OCamCamera(AxialCamera):
         """The camera of a `calib_results.txt`; DataError that names the line that is missing or wrong."""
         found = read_calibration(path)
         (cy, cx), (c, d, e), (height, width) = found.center, found.affine, found.size
-        return cls(
-            width=width, height=height, cx=cx, cy=cy, looks=looks, rim_px=rim_px, inner_px=inner_px,
-            polynomial=found.polynomial, c=c, d=d, e=e,
-        )  # fmt: skip
+        try:
+            return cls(
+                width=width, height=height, cx=cx, cy=cy, looks=looks, rim_px=rim_px, inner_px=inner_px,
+                polynomial=found.polynomial, c=c, d=d, e=e,
+            )  # fmt: skip
+        except ConfigError as error:
+            raise DataError(f"{path}: {error}") from error
 
     @property
     def _reach_px(self) -> float:
@@ -82,13 +85,15 @@ class OCamCamera(AxialCamera):
     def _radius(self, angle_rad: Floats) -> Floats:
         """rho at angles to the axis: looked up, then refined by Newton's method on rho cos = f(rho) sin."""
         radii, angles = _angles(self.polynomial, self.width + self.height)
-        rho = np.interp(angle_rad, angles, radii)
+        start = rho = np.interp(angle_rad, angles, radii)
         slope = tuple(i * a for i, a in enumerate(self.polynomial))[1:] or (0.0,)
         sin, cos = np.sin(angle_rad), np.cos(angle_rad)
         sign = np.sign(self.polynomial[0])
         for _ in range(4):
             error = rho * cos - forward(self.polynomial, rho) * sin
-            rho = rho - error / (cos - sign * np.polyval(slope[::-1], rho) * sin)
+            with np.errstate(divide="ignore", invalid="ignore"):  # the slope is 0 where the model ends
+                better = rho - error / (cos - sign * np.polyval(slope[::-1], rho) * sin)
+            rho = np.clip(np.nan_to_num(better), start - radii[1], start + radii[1])
         return np.where(angle_rad <= angles[-1], rho, np.nan)
 
     def flipped(self) -> Self:

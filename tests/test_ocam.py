@@ -66,7 +66,10 @@ def test_there_are_no_rays_where_the_angle_stops_growing():
     assert camera.circle.radius == pytest.approx(100, abs=1)
     assert np.isnan(camera.directions(np.array([320.0, 345]))).all()
     assert np.isnan(camera.pixels(np.array([0.6, 0, -1]))).all()
-    assert np.isfinite(camera.pixels(np.array([0.48, 0, -1]))).all()
+    tangents = np.linspace(0.01, 0.4999, 200)  # rho / (100 + rho^2 / 100): a quadratic equation in rho
+    rho = (1 - np.sqrt(1 - 4 * tangents**2)) * 50 / tangents
+    u = camera.pixels(np.stack([tangents, 0 * tangents, -np.ones(200)], -1))[:, 0]
+    assert np.allclose(u - 320, rho, atol=1e-5)
 
 
 @pytest.mark.parametrize(("old", "new", "message"), [
@@ -78,6 +81,7 @@ def test_there_are_no_rays_where_the_angle_stops_growing():
     ("250.5 310.25", "250.5", "centre's row.*'250.5'"),
     ("250.5 310.25", "250.5 nan", "centre's row.*nan"),
     ("250.5 310.25", "250.5 left", "centre's row.*left"),
+    ("480 640", "48 640", "calib_results.txt: the axis.*outside"),
     ("480 640", "480.5 640", "height and width.*480.5"),
     ("480 640", "480 640" + 70000 * " ", "65536 bytes"),
 ])  # fmt: skip
