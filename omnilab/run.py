@@ -104,10 +104,13 @@ def _check_slot(path: str, kind: str, value: Any, registry: Registry) -> None:
         return
     if isinstance(value, dict):
         names = registry.names(kind)
-        raise ConfigError(
-            f"{path} is plain YAML without a component; start it with `defaults: [{names[0] if names else 'NAME'}, _self_]`"
-            f" (registered: {', '.join(names)})"
+        first = names[0] if names else "NAME"
+        way = (
+            f"start it with `defaults: [{first}, _self_]`"
+            if path == kind
+            else f"choose one, as in +{kind}@{path}={first}"
         )
+        raise ConfigError(f"{path} is plain YAML without a component; {way} (registered: {', '.join(names)})")
     lacking = [member for member in members(KINDS[kind]) if not hasattr(value, member)]
     if lacking:
         raise ConfigError(f"{path} is a {type(value).__name__}, which lacks {', '.join(lacking)}; choose a {kind}")
