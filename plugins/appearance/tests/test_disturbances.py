@@ -1,5 +1,7 @@
 """Disturbances against closed forms: moments of noise, covered area, a blurred point, levels by hand, a turned sky."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -41,6 +43,42 @@ def test_keeps_the_contract(disturbance, harmless, color):
 
 def test_color_shift_keeps_the_contract():
     check_disturbance(ColorShift(), ColorShift([1, 1, 1]), color=True)
+
+
+@dataclass
+class Broken:
+    """Breaks one promise."""
+
+    promise: str = "none"  # which
+
+    def apply(self, images, camera, rngs):
+        if self.promise == "input":
+            images[:, 0, 0] ^= 1
+        if self.promise == "dtype":
+            return images.astype(float)
+        if self.promise == "shape":
+            return images[:, 1:]
+        if self.promise == "batch":
+            return np.stack([rngs[0].permutation(image) for image in images])
+        if self.promise == "seed":
+            return np.random.default_rng().permutation(images, axis=1)
+        return images.copy()
+
+
+def test_the_check_finds_what_is_broken():
+    check_disturbance(Broken(), Broken())
+    told = {
+        "input": "given are changed",
+        "dtype": "float64",
+        "shape": "come back",
+        "batch": "one by one",
+        "seed": "second",
+    }
+    for promise, words in told.items():
+        with pytest.raises(AssertionError, match=words):
+            check_disturbance(Broken(promise), Broken())
+    with pytest.raises(AssertionError, match="changes nothing"):
+        check_disturbance(Broken(), Light(0.5))
 
 
 # ------------------------------------------------------------------------------------------------------------- noise
