@@ -24,11 +24,13 @@ import numpy.typing as npt
 
 __all__ = [
     "Answers",
+    "CalibratedCamera",
     "Camera",
     "Circle",
     "Descriptor",
     "Distance",
     "DistanceField",
+    "Disturbance",
     "Estimate",
     "Estimates",
     "Frames",
@@ -152,6 +154,17 @@ class Camera(Protocol):
 
         A calibrated camera spaces levels evenly in elevation, an uncalibrated one evenly in radius.
         """
+
+
+@runtime_checkable
+class CalibratedCamera(Camera, Protocol):
+    """A camera with one viewpoint that knows where each of its pixels looks."""
+
+    def directions(self, pixels: Floats) -> Floats:
+        """Unit directions (..., 3) in the camera frame of pixels (..., 2) = (u, v); NaN where they show no world."""
+
+    def pixels(self, directions: Floats) -> Floats:
+        """Pixels (..., 2) = (u, v), also beyond the frame, of directions (..., 3); NaN for those it cannot show."""
 
 
 @dataclass(frozen=True)
@@ -405,6 +418,17 @@ class Sensor(Protocol):
 
 
 @runtime_checkable
+class Disturbance(Protocol):
+    """Spoils images. Studies let queries pass through every disturbance, in order, and never the places."""
+
+    def apply(self, images: Bytes, camera: Camera, rngs: Sequence[np.random.Generator]) -> Bytes:
+        """New images like the given ones, (N, H, W) or (N, H, W, 3), which stay as they are.
+
+        Image i draws from `rngs[i]` alone, so that it comes out the same in any batch.
+        """
+
+
+@runtime_checkable
 class Descriptor(Protocol):
     """Turns images into signatures. Declares three things about itself as class attributes."""
 
@@ -479,3 +503,4 @@ class Parts:
     descriptor: Descriptor = None  # type: ignore[assignment]
     distance: Distance = None  # type: ignore[assignment]
     localizer: Localizer = None  # type: ignore[assignment]
+    disturbances: Mapping[str, Disturbance] = field(default_factory=dict)  # of the queries, in the order they apply

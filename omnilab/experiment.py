@@ -132,6 +132,8 @@ def sentence(error: Exception, registry: Registry) -> str:
         return _missing_choice(found[1], found[2], text, registry)
     if found := re.search(r"Key '(\w+)' (?:is )?not in '(\w+)'", text):
         return _missing_key(found[1], found[2], text, registry)
+    if found := re.search(r"Multiple values for (\w+)\.", text):
+        return f"{found[1]} is a choice already, so +{found[1]} would be a second; give {found[1]}=NAME without the +"
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     if cause := str(error.__cause__ or "").strip():
         lines.append(cause.splitlines()[0].strip())

@@ -31,6 +31,11 @@ def register_sensors(register: Register) -> None:
 
 
 @hookspec
+def register_disturbances(register: Register) -> None:
+    """From images to spoilt ones: noise, occlusion, blur, another light."""
+
+
+@hookspec
 def register_descriptors(register: Register) -> None:
     """From images to signatures."""
 

@@ -31,12 +31,14 @@ from omnilab.errors import ConfigError, PluginError
 
 KINDS: dict[str, type[Any]] = {
     "sensor": api.Sensor,
+    "disturbance": api.Disturbance,
     "descriptor": api.Descriptor,
     "distance": api.Distance,
     "localizer": api.Localizer,
     "study": api.Study,
     "sink": api.Sink,
 }
+DICTS = {"disturbances": "disturbance", "sinks": "sink"}  # settings of a run that hold any number of a kind, by name
 HOOKS = {kind: f"register_{kind}s" if kind != "study" else "register_studies" for kind in KINDS}
 
 
@@ -239,6 +241,8 @@ def _check_free(component: Component, registry: Registry) -> None:
 
 
 def _store(component: Component) -> None:
+    kind, name = component.kind, component.name
+    package = next((f"{setting}.{name}" for setting, of in DICTS.items() if of == kind), kind)
     ConfigStore.instance().store(
-        group=component.kind, name=component.name, node=component.cls, provider=component.plugin.distribution
+        group=kind, name=name, node=component.cls, package=package, provider=component.plugin.distribution
     )

@@ -23,11 +23,9 @@ from omnilab.api import Parts, Report
 from omnilab.errors import ConfigError, OmnilabError
 from omnilab.logbook import DONE, FAILED, INTERRUPTED, Logbook, origin
 from omnilab.record import Recorder
-from omnilab.registry import KINDS, Registry, members
+from omnilab.registry import DICTS, KINDS, Registry, members
 
 log = logging.getLogger("omnilab")
-
-SLOTS = tuple(f.name for f in fields(Parts))
 
 
 @dataclass
@@ -39,6 +37,7 @@ class Run:
     distance: Any = None  # null: the descriptor's default distance
     localizer: Any = None
     study: Any = MISSING
+    disturbances: dict[str, Any] = field(default_factory=dict)  # of the queries, in the order they apply
     sinks: dict[str, Any] = field(default_factory=dict)
     seed: int = 0
     threads: int = 1  # of each matrix product: results are only the same bit for bit with the same number
@@ -65,12 +64,12 @@ def build(config: DictConfig, registry: Registry) -> Run:
     except OmegaConfBaseException as error:
         raise ConfigError(f"{error.full_key}: {str(error).splitlines()[0]}") from error
     assert isinstance(run, Run)
+    for name in DICTS:  # null leaves a member out, as it does a slot
+        setattr(run, name, {key: member for key, member in getattr(run, name).items() if member is not None})
     if run.distance is None and run.descriptor is not None and not isinstance(run.descriptor, dict):
         run.distance = registry.get("distance", run.descriptor.default_distance).cls()
-    for slot in (*SLOTS, "study"):
-        _check_slot(slot, slot, getattr(run, slot), registry)
-    for name, sink in run.sinks.items():
-        _check_slot(f"sinks.{name}", "sink", sink, registry)
+    for path, kind, value in _components(vars(run)):
+        _check_slot(path, kind, value, registry)
     if run.threads < 1:
         raise ConfigError(f"threads={run.threads} cannot compute anything; give threads=1 or more")
     if run.seed < 0:
@@ -85,10 +84,19 @@ def build(config: DictConfig, registry: Registry) -> Run:
 def _structured(config: DictConfig) -> Iterator[tuple[str, DictConfig]]:
     """The run and each of its components, with the path before their settings."""
     yield "", config
-    slots = {slot: config[slot] for slot in (*SLOTS, "study") if not OmegaConf.is_missing(config, slot)}
-    for path, value in (slots | {f"sinks.{name}": sink for name, sink in config.sinks.items()}).items():
+    for path, _, value in _components({str(k): config[k] for k in config if not OmegaConf.is_missing(config, k)}):
         if isinstance(value, DictConfig) and is_dataclass(OmegaConf.get_type(value)):
             yield f"{path}.", value
+
+
+def _components(settings: Mapping[str, Any]) -> Iterator[tuple[str, str, Any]]:
+    """Path, kind and content of every slot of a run's settings, and of every member of its dicts of components."""
+    for name, value in settings.items():
+        if name in KINDS:
+            yield name, name, value
+        elif name in DICTS:
+            for key, member in value.items():
+                yield f"{name}.{key}", DICTS[name], member
 
 
 def _check_slot(path: str, kind: str, value: Any, registry: Registry) -> None:
@@ -96,10 +104,13 @@ def _check_slot(path: str, kind: str, value: Any, registry: Registry) -> None:
         return
     if isinstance(value, dict):
         names = registry.names(kind)
-        raise ConfigError(
-            f"{path} is plain YAML without a component; start it with `defaults: [{names[0] if names else 'NAME'}, _self_]`"
-            f" (registered: {', '.join(names)})"
+        first = names[0] if names else "NAME"
+        way = (
+            f"start it with `defaults: [{first}, _self_]`"
+            if path == kind
+            else f"choose one, as in +{kind}@{path}={first}"
         )
+        raise ConfigError(f"{path} is plain YAML without a component; {way} (registered: {', '.join(names)})")
     lacking = [member for member in members(KINDS[kind]) if not hasattr(value, member)]
     if lacking:
         raise ConfigError(f"{path} is a {type(value).__name__}, which lacks {', '.join(lacking)}; choose a {kind}")
@@ -107,9 +118,8 @@ def _check_slot(path: str, kind: str, value: Any, registry: Registry) -> None:
 
 def named_components(run: Run, registry: Registry) -> dict[str, dict[str, str]]:
     """For each slot in use: the registered name, class, distribution and version."""
-    slots = {slot: getattr(run, slot) for slot in (*SLOTS, "study")} | {f"sinks.{k}": v for k, v in run.sinks.items()}
     found: dict[str, dict[str, str]] = {}
-    for slot, value in slots.items():
+    for slot, _, value in _components(vars(run)):
         if value is None:
             continue
         component = registry.of(value)
@@ -124,13 +134,13 @@ def named_components(run: Run, registry: Registry) -> dict[str, dict[str, str]]:
 
 def resolved_yaml(run: Run) -> str:
     """The configuration as it ran, defaults and all."""
-    values = {
-        f.name: OmegaConf.structured(value) if hasattr(value := getattr(run, f.name), "__dataclass_fields__") else value
-        for f in fields(run)
-        if f.name != "sinks"
-    }
-    values["sinks"] = {name: OmegaConf.structured(sink) for name, sink in run.sinks.items()}
-    return OmegaConf.to_yaml(OmegaConf.create(values))
+    return OmegaConf.to_yaml(OmegaConf.create({name: _settings(value) for name, value in vars(run).items()}))
+
+
+def _settings(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _settings(member) for name, member in value.items()}
+    return OmegaConf.structured(value) if is_dataclass(value) else value
 
 
 def execute(run: Run, folder: Path, registry: Registry, overrides: Sequence[str] = (), experiment: str = "") -> Report:
@@ -179,7 +189,7 @@ def manifest_of(
 
 
 def _parts(run: Run) -> Parts:
-    return Parts(**{slot: getattr(run, slot) for slot in SLOTS})
+    return Parts(**{f.name: getattr(run, f.name) for f in fields(Parts)})
 
 
 @contextmanager
@@ -220,14 +230,11 @@ def _costs(recorder: Recorder, wall_s: float) -> list[tuple[str, float, str]]:
 def again(saved: Mapping[str, Any], manifest: Mapping[str, Any], registry: Registry) -> Run:
     """The run that a saved configuration and manifest describe, with the components that are installed now."""
     config = OmegaConf.structured(Run)
-    for slot, value in saved.items():
-        if slot == "sinks":
-            for name, settings in value.items():
-                config.sinks[name] = _component(f"sinks.{name}", "sink", settings, manifest, registry)
-        elif isinstance(value, Mapping):
-            config[slot] = _component(slot, slot, value, manifest, registry)
-        else:
-            config[slot] = value
+    for name in saved.keys() - KINDS.keys() - DICTS.keys():
+        config[name] = saved[name]
+    for path, kind, settings in _components(saved):
+        if settings is not None:
+            OmegaConf.update(config, path, _component(path, kind, settings, manifest, registry))
     return build(config, registry)
 
 

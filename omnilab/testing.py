@@ -21,11 +21,31 @@ import numpy as np
 from omnilab import api
 from omnilab.api import Bytes, Floats, Layout, Places, Signatures, Tick
 from omnilab.geometry import planar_poses
-from omnilab.projection import encode
+from omnilab.projection import HyperbolicMirror, encode
 from omnilab.record import Recorder
 from omnilab.registry import check_component
 
 SIDE = 96  # of the pictures that descriptors are tried on
+
+
+def check_disturbance(disturbance: Any, harmless: Any, color: bool = False) -> None:
+    """Shape, type, deterministic by seed, batch equals one by one, input left alone, pickles; on RGB with `color`.
+
+    `harmless` is the same component, set so that it must change nothing.
+    """
+    _common("disturbance", disturbance)
+    images, camera = _pictures("mirror", color), HyperbolicMirror(SIDE)
+    before = images.copy()
+    first = disturbance.apply(images, camera, _generators())
+    _expect(np.array_equal(images, before), "the images that were given are changed")
+    _expect(first.shape == images.shape, f"images of shape {images.shape} come back as {first.shape}")
+    _expect(first.dtype == np.uint8, f"images come back as {first.dtype}, uint8 is expected")
+    again = disturbance.apply(images, camera, _generators())
+    _expect(np.array_equal(first, again), "the same seeds give other images the second time")
+    single = [disturbance.apply(images[i : i + 1], camera, [rng]) for i, rng in enumerate(_generators())]
+    _expect(np.array_equal(first, np.concatenate(single)), "a batch gives other images than its images one by one")
+    kept = harmless.apply(images, camera, _generators())
+    _expect(np.array_equal(kept, images), "set so that it changes nothing, it changes the images")
 
 
 def check_descriptor(descriptor: Any) -> None:
@@ -211,6 +231,11 @@ def _pictures(view: str, color: bool) -> Bytes:
     rng = np.random.default_rng(11)
     layers = [np.clip(128 + 60 * _smooth(rng, shape), 0, 255).astype(np.uint8) for _ in range(3 if color else 1)]
     return np.stack(layers, axis=-1) if color else layers[0]
+
+
+def _generators() -> list[np.random.Generator]:
+    """One for each of the pictures."""
+    return [np.random.default_rng(seed) for seed in range(6)]
 
 
 def _smooth(rng: np.random.Generator, shape: tuple[int, int, int]) -> Floats:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import hashlib
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from omnilab.api import (
     Descriptor,
+    Disturbance,
     Floats,
     Frames,
     Image,
@@ -33,6 +36,34 @@ def deliver(parts: Parts, plan: Plan, record: Recorder, stage: str) -> Iterator[
         _timed(frames, record, f"{stage}: images"), stage, len(plan), lambda f: len(f) + len(f.omitted)
     )
     yield from counted
+
+
+def deliver_queries(parts: Parts, plan: Plan, record: Recorder, seed: int) -> Iterator[Frames]:
+    """The same for queries, which are disturbed."""
+    for frames in deliver(parts, plan, record, "queries"):
+        if not parts.disturbances:
+            yield frames
+            continue
+        with record.timed("disturb", len(frames)):
+            spoilt = disturbed(frames, parts.disturbances, seed)
+        yield spoilt
+
+
+def disturbed(frames: Frames, disturbances: Mapping[str, Disturbance], seed: int) -> Frames:
+    """Frames whose images went through every disturbance, in order; their keys stay those of the clear images.
+
+    An image has a generator of its own for each disturbance, from the seed, the disturbance's name and the image's key:
+    it comes out the same in any batch, whatever the other disturbances are.
+    """
+    images = frames.images
+    for name, disturbance in disturbances.items():
+        rngs = [_generator(f"{seed} {name} {key}") for key in frames.keys]
+        images = disturbance.apply(images, frames.camera, rngs)
+    return replace(frames, images=images)
+
+
+def _generator(words: str) -> np.random.Generator:
+    return np.random.default_rng(int.from_bytes(hashlib.blake2b(words.encode(), digest_size=16).digest()))
 
 
 def _timed(frames: Iterator[Frames], record: Recorder, stage: str) -> Iterator[Frames]:

@@ -10,7 +10,6 @@ import numpy as np
 
 from omnilab.api import (
     Answers,
-    Bytes,
     DistanceField,
     Estimate,
     Floats,
@@ -35,7 +34,15 @@ from omnilab.errors import ConfigError
 from omnilab.geometry import heading_of
 from omnilab.metrics import VERDICTS
 from omnilab_studies import figures
-from omnilab_studies.common import deliver, describe, describe_places, markdown_table, show_frame, statistics
+from omnilab_studies.common import (
+    deliver_queries,
+    describe,
+    describe_places,
+    disturbed,
+    markdown_table,
+    show_frame,
+    statistics,
+)
 from omnilab_studies.layouts import PLACES
 from omnilab_studies.scoring import Scored, as_table, joined, known_poses, score
 
@@ -56,7 +63,7 @@ class Grid:
 
     An answer is `nearest` if no place lies closer to where the query was taken (ties within 1 mm count), `second` if
     it is at the next distance, else `wrong`. Beside the rates: errors of position and heading, the sharpness C of the
-    distances over the map (eq. 4.6), and the bytes a place takes.
+    distances over the map (eq. 4.6), and the bytes a place takes. Disturbances spoil the queries, never the places.
     """
 
     step_m: float | None = 0.2  # of the grid of places; null: take `every` n-th row and column of a recording
@@ -103,7 +110,8 @@ class Grid:
         # the queries: localised batch by batch, and scored against where they were taken
         example = _Example()
         batches: list[Scored] = []
-        for frames in deliver(parts, plan, record, "queries"):
+        seed = int(rng.integers(2**32))  # of the disturbances; drawn last, so that they change no pose
+        for frames in deliver_queries(parts, plan, record, seed):
             omitted += frames.omitted
             signatures = describe(parts.descriptor, frames, record)
             with record.timed("localise", len(frames)):
@@ -119,7 +127,8 @@ class Grid:
         record.log("summary", Text(markdown_table(metrics, "Grid study"), markdown=True))
         for sentence in omitted:
             record.log("log", Text(f"left out: {sentence}"))
-        return Report(metrics, {"queries": as_table(scored, plan.keys)}, _figures(parts, plan, scored, places, example))
+        drawn = _figures(parts, plan, scored, places, example, seed)
+        return Report(metrics, {"queries": as_table(scored, plan.keys)}, drawn)
 
     def _grid(self) -> GridPoses:
         extent = None if self.extent_m is None else (self.extent_m[0], self.extent_m[1])
@@ -192,11 +201,13 @@ def _metrics(scored: Scored, places: Places, omitted: list[str]) -> list[Metric]
     ]
 
 
-def _figures(parts: Parts, plan: Plan, scored: Scored, places: Places, example: _Example) -> dict[str, Any]:
+def _figures(parts: Parts, plan: Plan, scored: Scored, places: Places, example: _Example, seed: int) -> dict[str, Any]:
     places_m = known_poses(places.T_world_camera, "places")[:, :3, 3]
     worst = np.argsort(-scored.error_m, kind="stable")[:WORST]
-    queries = _images(parts, plan.at(scored.plan_index[worst]))
-    answered = _images(parts, Plan(places.keys, places.T_world_camera).at(scored.place[worst]))
+    asked = parts.sensor.frames(plan.at(scored.plan_index[worst]))
+    queries = [image for frames in asked for image in disturbed(frames, parts.disturbances, seed).images]
+    answers = parts.sensor.frames(Plan(places.keys, places.T_world_camera).at(scored.place[worst]))
+    answered = [image for frames in answers for image in frames.images]
     drawn = {
         "success": figures.success(scored.verdict),
         "error_map": figures.error_map(places_m, scored.truth_m, scored.answer_m, scored.error_m, scored.verdict),
@@ -205,7 +216,3 @@ def _figures(parts: Parts, plan: Plan, scored: Scored, places: Places, example: 
     if example.field is not None and example.truth_m is not None and example.answer_m is not None:
         drawn["distance_surface"] = figures.surface(places_m, example.field, example.truth_m, example.answer_m)
     return drawn
-
-
-def _images(parts: Parts, plan: Plan) -> list[Bytes]:
-    return [image for frames in parts.sensor.frames(plan) for image in frames.images]

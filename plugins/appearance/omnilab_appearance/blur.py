@@ -1,0 +1,35 @@
+"""Images out of focus."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from omnilab.api import Bytes, Camera
+from omnilab.errors import ConfigError
+
+REACH = 4  # standard deviations at which the kernel ends
+
+
+@dataclass
+class Blur:
+    """Convolution with a Gaussian; beyond the frame the image goes on as its mirror image."""
+
+    sigma_px: float = 2.0  # standard deviation in pixels; 0: none
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.sigma_px <= 1000:
+            raise ConfigError(f"sigma_px={self.sigma_px} blurs nothing; give pixels from 0 to 1000")
+
+    def apply(self, images: Bytes, camera: Camera, rngs: Sequence[np.random.Generator]) -> Bytes:  # noqa: ARG002  nothing is drawn
+        """The images, blurred."""
+        import cv2
+
+        blurred = images.copy()
+        size = 2 * int(np.ceil(REACH * self.sigma_px)) + 1
+        if size > 1:
+            for image in blurred:
+                image[...] = np.rint(cv2.GaussianBlur(image.astype(np.float32), (size, size), self.sigma_px))
+        return blurred

@@ -1,0 +1,32 @@
+"""Light of another colour, or another camera's white balance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from omnilab.api import Bytes, Camera
+from omnilab.errors import ConfigError, DataError
+
+
+@dataclass
+class ColorShift:
+    """A factor on each channel of RGB images, rounded and clipped. Grey images have no colour to shift: DataError."""
+
+    gains: list[float] = field(default_factory=lambda: [1.2, 1.0, 0.8])  # of red, green and blue
+
+    def __post_init__(self) -> None:
+        if len(self.gains) != 3 or not all(0 <= gain < np.inf for gain in self.gains):
+            raise ConfigError(f"gains={self.gains} are no factors of red, green and blue; give three of 0 or more")
+
+    def apply(self, images: Bytes, camera: Camera, rngs: Sequence[np.random.Generator]) -> Bytes:  # noqa: ARG002  nothing is drawn
+        """The images with their colours shifted."""
+        if images.ndim != 4:
+            raise DataError(
+                "a color_shift needs RGB images, and these are grey; give sensor.color=true, or disturbance=light"
+            )
+        levels = np.arange(256)[:, None] * np.array(self.gains)
+        table = np.clip(np.rint(levels), 0, 255).astype(np.uint8)
+        return np.asarray(table[images, np.arange(3)])

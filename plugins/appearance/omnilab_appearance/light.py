@@ -1,0 +1,30 @@
+"""The same place in another light."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from omnilab.api import Bytes, Camera
+from omnilab.errors import ConfigError
+
+
+@dataclass
+class Light:
+    """Grey level g becomes 255 * gain * (g / 255)^gamma, rounded and clipped: brightness, then contrast of the darks."""
+
+    gain: float = 0.5  # factor on all levels; 1: none
+    gamma: float = 1.0  # exponent: above 1 the darks get darker, below 1 brighter
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.gain < np.inf:
+            raise ConfigError(f"gain={self.gain} is no brightness; give 0 or more, 1 for none")
+        if not 0 < self.gamma < np.inf:
+            raise ConfigError(f"gamma={self.gamma} is no exponent of light; give a number above 0, 1 for none")
+
+    def apply(self, images: Bytes, camera: Camera, rngs: Sequence[np.random.Generator]) -> Bytes:  # noqa: ARG002  nothing is drawn
+        """The images in this light."""
+        level = 255 * self.gain * (np.arange(256) / 255) ** self.gamma
+        return np.clip(np.rint(level), 0, 255).astype(np.uint8)[images]

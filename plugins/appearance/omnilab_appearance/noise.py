@@ -1,0 +1,79 @@
+"""Additive noise, of every pixel and channel on its own, rounded and clipped to [0, 255]."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from omnilab.api import Bytes, Camera, Floats
+from omnilab.errors import ConfigError
+
+
+class _Noise(ABC):
+    def apply(self, images: Bytes, camera: Camera, rngs: Sequence[np.random.Generator]) -> Bytes:  # noqa: ARG002  noise knows no directions
+        """The images plus noise."""
+        noisy = images.copy()
+        for image, rng in zip(noisy, rngs, strict=True):
+            image[...] = np.clip(np.rint(image + self._draw(rng, image.shape)), 0, 255)
+        return noisy
+
+    @abstractmethod
+    def _draw(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Floats:
+        """Noise in grey levels."""
+
+
+@dataclass
+class UniformNoise(_Noise):
+    """Noise drawn evenly from [-level, level] times 255 (Berenguer, thesis, 4.6.5: level 0.2, 0.4, 0.6).
+
+    The thesis says "random noise with a maximum value of 20 % of the maximum intensity" and leaves the sign open. Here
+    the maximum is that of the magnitude, so the mean is 0 and the variance (255 level)^2 / 3. `positive` is the other
+    reading, [0, level] times 255: mean 255 level / 2, a quarter of the variance.
+    """
+
+    level: float = 0.2  # largest noise, as a share of the maximum intensity
+    positive: bool = False  # only brightens
+
+    def __post_init__(self) -> None:
+        _check_share("level", self.level)
+
+    def _draw(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Floats:
+        return rng.uniform(0 if self.positive else -255 * self.level, 255 * self.level, shape)
+
+
+@dataclass
+class GaussianNoise(_Noise):
+    """Gaussian noise of mean 0."""
+
+    sigma: float = 0.1  # standard deviation, as a share of the maximum intensity
+
+    def __post_init__(self) -> None:
+        _check_share("sigma", self.sigma)
+
+    def _draw(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Floats:
+        return rng.normal(0, 255 * self.sigma, shape)
+
+
+@dataclass
+class ListingNoise(_Noise):
+    """Noise as printed in listing 3.5 of Berenguer's thesis: level * (randn - 0.5) * 2, in grey levels.
+
+    That is Gaussian with a mean of -level, not 0, and a standard deviation of 2 level: it darkens the image, too.
+    """
+
+    level: float = 10.0  # in grey levels, as in the listing
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.level <= 255:
+            raise ConfigError(f"level={self.level} is not in grey levels; give a number from 0 to 255")
+
+    def _draw(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Floats:
+        return self.level * (rng.standard_normal(shape) - 0.5) * 2
+
+
+def _check_share(name: str, value: float) -> None:
+    if not 0 <= value <= 1:
+        raise ConfigError(f"{name}={value} is no share of the maximum intensity; give a number from 0 to 1")

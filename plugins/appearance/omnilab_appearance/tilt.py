@@ -1,0 +1,63 @@
+"""A camera that leans."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from omnilab.api import Bytes, CalibratedCamera, Camera, Floats
+from omnilab.errors import ConfigError, DataError
+
+NOWHERE = -1e4  # pixel coordinate of what the image does not show
+
+
+@dataclass
+class Tilt:
+    """The view of a camera turned by an angle about a horizontal axis through its viewpoint, right-handed.
+
+    Exact but for interpolation, as turning about the viewpoint makes no parallax: `T_world_camera` becomes
+    `T_world_camera` times the rotation (the poses that a study scores with stay those of the upright camera). What
+    the upright image does not show is black. Only for cameras that know where their pixels look.
+    """
+
+    angle_deg: float = 5.0  # of the lean
+    axis_deg: float | None = None  # azimuth of the axis in the camera frame; null: drawn for each image
+
+    def __post_init__(self) -> None:
+        if not -180 <= self.angle_deg <= 180:
+            raise ConfigError(f"angle_deg={self.angle_deg} is no lean; give degrees from -180 to 180")
+        if self.axis_deg is not None and not np.isfinite(self.axis_deg):
+            raise ConfigError(f"axis_deg={self.axis_deg} is no azimuth; give degrees, or null")
+
+    def apply(self, images: Bytes, camera: Camera, rngs: Sequence[np.random.Generator]) -> Bytes:
+        """The images as the leaning camera would have taken them."""
+        if not isinstance(camera, CalibratedCamera):
+            raise DataError(
+                f"a tilt needs a camera that knows where its pixels look, which {type(camera).__name__} does not;"
+                " leave the disturbance tilt out, or choose a calibrated sensor such as sensor=mirror"
+            )
+        tilted = images.copy()
+        if self.angle_deg == 0:
+            return tilted
+        directions = camera.directions(np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1))
+        for image, rng in zip(tilted, rngs, strict=True):
+            image[...] = _sample(image, camera.pixels(directions @ self._rotation(rng).T))
+        return tilted
+
+    def _rotation(self, rng: np.random.Generator) -> Floats:
+        """`R_upright_leaning` (3, 3)."""
+        azimuth = rng.uniform(0, 2 * np.pi) if self.axis_deg is None else np.deg2rad(self.axis_deg)
+        x, y = np.cos(azimuth), np.sin(azimuth)
+        K = np.array([[0, 0, y], [0, 0, -x], [-y, x, 0]])  # the cross product with the axis (x, y, 0)
+        angle = np.deg2rad(self.angle_deg)
+        return np.asarray(np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K)  # Rodrigues
+
+
+def _sample(image: Bytes, pixels: Floats) -> Bytes:
+    """The image at pixels (H, W, 2), bilinear; 0 where they are NaN or outside."""
+    import cv2
+
+    u, v = np.moveaxis(np.nan_to_num(pixels, nan=NOWHERE).astype(np.float32), -1, 0)
+    return np.asarray(cv2.remap(image, u, v, cv2.INTER_LINEAR), np.uint8)
