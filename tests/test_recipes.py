@@ -1,0 +1,29 @@
+"""Every recipe composes, and what it names can be built."""
+
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_module
+
+from omnilab.registry import discover
+from omnilab.run import build, named_components, resolved_yaml
+
+RECIPES = sorted(path.stem for path in (Path(__file__).parents[1] / "conf/experiment").glob("*.yaml"))
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_a_recipe_is_whole(name, tmp_path):
+    registry = discover("")
+    overrides = [f"experiment={name}", *([f"sensor.path={tmp_path}"] if name.startswith("recorded") else [])]
+    with initialize_config_module("omnilab.conf", version_base="1.3"):
+        run = build(compose("config", overrides), registry)
+    assert all(component["name"] for component in named_components(run, registry).values())
+    assert {"console", "mcap", "rerun"} <= run.sinks.keys()
+    assert resolved_yaml(run)
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_a_recipe_says_what_it_is(name):
+    first, second, *_ = (Path(__file__).parents[1] / f"conf/experiment/{name}.yaml").read_text().splitlines()
+    assert first == "# @package _global_"
+    assert second.startswith("# ")
