@@ -430,7 +430,7 @@ class Disturbance(Protocol):
 
 @runtime_checkable
 class Descriptor(Protocol):
-    """Turns images into signatures. Declares three things about itself as class attributes."""
+    """Turns images into signatures. Declares four things about itself as class attributes."""
 
     view: ClassVar[str]  # the picture it wants: "mirror" (square, as taken) or "panorama" (columns counter-clockwise)
     color: ClassVar[bool]  # RGB (True) or grey

@@ -8,15 +8,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from omnilab.api import Circle
+from omnilab.api import Circle, Floats
 from omnilab.errors import ConfigError
-
-Floats = npt.NDArray[np.floating[Any]]
 
 STEEPEST_RAD = np.deg2rad(60.0)  # edges of a calibrated panorama: below the camera mostly sees its own carrier
 

@@ -10,10 +10,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import fields
 from pathlib import Path
 
-from omnilab.errors import ConfigError, DataError, OmnilabError
+from omnilab.errors import ConfigError, DataError, OmnilabError, did_you_mean
 from omnilab.logbook import KILLED, RUNNING, LoadedRun, Logbook, find_runs, load_run, new_folder_name
 from omnilab.registry import KINDS, Registry, discover
-from omnilab.terminal import did_you_mean, headline, print_error, print_table, short, show_run
+from omnilab.terminal import headline, print_error, print_table, short, show_run
 
 
 def main(argv: Sequence[str] | None = None) -> None:

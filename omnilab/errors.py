@@ -1,5 +1,10 @@
 """What can go wrong by no fault of ours. The command line shows these as one sentence and ends with exit code 2."""
 
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
 
 class OmnilabError(Exception):
     """A mistake of the user, the data or the machine, told in one sentence that ends with what fixes it."""
@@ -15,3 +20,9 @@ class DataError(OmnilabError):
 
 class PluginError(OmnilabError):
     """A plugin does not keep the contract."""
+
+
+def did_you_mean(word: str, known: Iterable[str], prefix: str = "") -> str:
+    """A suggestion in brackets, or nothing."""
+    close = difflib.get_close_matches(word, list(known), n=1)
+    return f" (did you mean {prefix}{close[0]}?)" if close else ""

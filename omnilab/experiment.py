@@ -18,11 +18,11 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from omnilab.errors import ConfigError, DataError, OmnilabError
+from omnilab.errors import ConfigError, DataError, OmnilabError, did_you_mean
 from omnilab.logbook import FAILED, Logbook, load_run, new_folder_name, origin, write_summary
 from omnilab.registry import Registry
 from omnilab.run import Run, build, execute
-from omnilab.terminal import did_you_mean, headline, print_error, print_summary, short, show_run
+from omnilab.terminal import headline, print_error, print_summary, short, show_run
 
 
 def experiment(argv: list[str], registry: Registry) -> int:

@@ -12,7 +12,7 @@ Floats = npt.NDArray[np.floating[Any]]
 
 def wrap_angle(angle_rad: npt.ArrayLike) -> Floats:
     """The same angles in [-pi, pi)."""
-    return np.mod(np.asarray(angle_rad, float) + np.pi, 2 * np.pi) - np.pi
+    return np.asarray(np.mod(np.asarray(angle_rad) + np.pi, 2 * np.pi) - np.pi)
 
 
 def planar_poses(position_m: npt.ArrayLike, heading_rad: npt.ArrayLike = 0.0) -> Floats:

@@ -15,16 +15,13 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
-from omnilab.api import Circle
+from omnilab.api import Circle, Floats
 from omnilab.cameras import CentralCamera, check_frame, polar_pixels
 from omnilab.errors import ConfigError
-
-Floats = npt.NDArray[np.floating[Any]]
 
 AXES = {  # columns: right, down and forward in the camera frame
     "down": np.array([[1, 0, 0], [0, -1, 0], [0, 0, -1]], float),

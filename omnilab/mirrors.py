@@ -8,16 +8,12 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from omnilab.api import Circle
+from omnilab.api import Circle, Floats
 from omnilab.cameras import CentralCamera, azimuth_elevation, polar_pixels
 from omnilab.errors import ConfigError
-
-Floats = npt.NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True)

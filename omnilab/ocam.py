@@ -6,15 +6,13 @@ import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
-import numpy.typing as npt
 
+from omnilab.api import Floats
 from omnilab.errors import ConfigError, DataError
 from omnilab.lenses import AxialCamera, off_axis
-
-Floats = npt.NDArray[np.floating[Any]]
 
 LARGEST_FILE = 65536  # bytes; real ones have about one thousand
 MOST_COEFFICIENTS = 32

@@ -6,12 +6,10 @@ Conventions (azimuth, image axes, frames) are those of `omnilab.api`.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from omnilab.api import Bytes, Camera
+from omnilab.api import Bytes, Camera, Floats
 from omnilab.cameras import (
     CentralCamera,
     CylindricalCamera,
@@ -48,7 +46,6 @@ __all__ = [
     "view_of",
 ]
 
-Floats = npt.NDArray[np.floating[Any]]
 
 PANORAMA_SHAPE = (128, 512)  # rows, columns: about the resolution that a 250 x 250 mirror image has at mid radius
 UNSEEN = -1e4  # the pixel of a direction that has none

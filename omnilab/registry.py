@@ -7,7 +7,6 @@ besides the installed plugins, ``-name`` leaves an installed plugin out, ``none`
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import importlib.util
 import os
@@ -27,7 +26,7 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from omnilab import api, hooks
-from omnilab.errors import ConfigError, PluginError
+from omnilab.errors import ConfigError, PluginError, did_you_mean
 
 KINDS: dict[str, type[Any]] = {
     "sensor": api.Sensor,
@@ -107,10 +106,8 @@ class Registry:
     def missing(self, kind: str, name: str) -> str:
         """The sentence about a name that does not exist."""
         names = self.names(kind)
-        close = difflib.get_close_matches(name, names, n=1)
         sentence = f"{kind} '{name}' does not exist; there is {', '.join(names) or 'none'}"
-        if close:
-            sentence += f" (did you mean {kind}={close[0]}?)"
+        sentence += did_you_mean(name, names, f"{kind}=")
         if self.failures:
             sentence += f"; {len(self.failures)} plugin(s) failed to load, see: omnilab plugins -v"
         return sentence

@@ -49,13 +49,7 @@ ConfigStore.instance().store(name="omnilab_run", node=Run, provider="omnilab")
 
 def build(config: DictConfig, registry: Registry) -> Run:
     """Live components from a composed configuration, each slot checked against its Protocol."""
-    for path, settings in _structured(config):
-        known = {f.name for f in fields(cast("type[Any]", OmegaConf.get_type(settings)))}
-        unknown = [str(key) for key in settings if key not in known]
-        if unknown:  # Hydra adds whatever follows a +
-            raise ConfigError(
-                f"'{path}{unknown[0]}' is not a setting, so +{path}{unknown[0]} does nothing; leave it out"
-            )
+    _refuse_unknown(config)
     try:
         run = OmegaConf.to_object(config)
     except MissingMandatoryValue as error:
@@ -79,6 +73,17 @@ def build(config: DictConfig, registry: Registry) -> Run:
         options = "; ".join(f"{slot}={'|'.join(registry.names(slot))}" for slot in lacking)
         raise ConfigError(f"the study needs a {' and a '.join(lacking)}, and none is chosen; give {options}")
     return run
+
+
+def _refuse_unknown(config: DictConfig) -> None:
+    """ConfigError if a setting belongs to no field."""
+    for path, settings in _structured(config):
+        known = {f.name for f in fields(cast("type[Any]", OmegaConf.get_type(settings)))}
+        unknown = [str(key) for key in settings if key not in known]
+        if unknown:  # Hydra adds whatever follows a +
+            raise ConfigError(
+                f"'{path}{unknown[0]}' is not a setting, so +{path}{unknown[0]} does nothing; leave it out"
+            )
 
 
 def _structured(config: DictConfig) -> Iterator[tuple[str, DictConfig]]:
@@ -242,9 +247,10 @@ def _component(
     slot: str, kind: str, settings: Mapping[str, Any], manifest: Mapping[str, Any], registry: Registry
 ) -> DictConfig:
     used = manifest["components"][slot]
-    if (kind, used["name"]) not in registry.components:
+    component = registry.components.get((kind, used["name"]))
+    if component is None:
         raise ConfigError(f"{registry.missing(kind, used['name'])}; the run had it from {used['distribution']}")
-    cls = registry.get(kind, used["name"]).cls
+    cls = component.cls
     try:
         merged = OmegaConf.merge(OmegaConf.structured(cls), settings)
     except OmegaConfBaseException as error:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import difflib
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from omnilab.logbook import LoadedRun, load_run
@@ -65,9 +64,3 @@ def print_summary(header: Sequence[str], rows: Sequence[Sequence[str]], title: s
 def short(path: Path) -> Path:
     """Relative to where we are, if it lies below."""
     return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
-
-
-def did_you_mean(word: str, known: Iterable[str], prefix: str = "") -> str:
-    """A suggestion in brackets, or nothing."""
-    close = difflib.get_close_matches(word, list(known), n=1)
-    return f" (did you mean {prefix}{close[0]}?)" if close else ""

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from omnilab.api import Floats, Match, Signatures
 from omnilab.errors import DataError
+from omnilab.geometry import wrap_angle
 
 Spectra = npt.NDArray[np.complexfloating[Any, Any]]
 CHUNK = 64  # matrices transformed at once: what fits the cache
@@ -39,7 +40,7 @@ class Poc:
                 peak, shift = highest(correlate(query, spectra[chunk], shape))
                 distance[q, chunk] = 1 - peak
                 rotation[q, chunk] = 2 * np.pi / shape[1] * shift
-        return Match(distance, (rotation + np.pi) % (2 * np.pi) - np.pi)
+        return Match(distance, wrap_angle(rotation))
 
 
 def matrices_of(signatures: Signatures) -> Floats:

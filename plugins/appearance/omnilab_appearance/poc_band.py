@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from omnilab.api import Floats, Match, Signatures
 from omnilab.errors import ConfigError
+from omnilab.geometry import wrap_angle
 from omnilab_appearance.poc import in_chunks, matrices_of, unit_phase, vertex
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ class PocBand:
         # a thread a block, and none within: the sums do not depend on their number, and they do not wait for each other
         with _blas().limit(limits=1, user_api="blas"), ThreadPoolExecutor(os.cpu_count()) as pool:
             list(pool.map(compare, range(0, places.shape[2], step)))
-        return Match(distance, (rotation + np.pi) % (2 * np.pi) - np.pi)
+        return Match(distance, wrap_angle(rotation))
 
     def _band(self, matrices: Floats) -> Spectra:
         """Unit-phase spectra (N, offset frequencies, angle frequencies), each times the root of its weight."""

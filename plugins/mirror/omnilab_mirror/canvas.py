@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-Floats = npt.NDArray[np.floating[Any]]
+from omnilab.api import Floats
+
 Ints = npt.NDArray[np.integer[Any]]
 
 

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from omnilab.api import Floats
 from omnilab_mirror.faces import Face
 from omnilab_mirror.reader import Section
-
-Floats = npt.NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True)

@@ -5,16 +5,12 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from omnilab.api import Frames, Layout, Mesh, Plan
+from omnilab.api import Floats, Frames, Layout, Mesh, Plan
 from omnilab.errors import ConfigError, DataError
 from omnilab.projection import HyperbolicMirror
-
-Floats = npt.NDArray[np.floating[Any]]
 
 RENDERER_VERSION = 1  # part of the keys: raise it when the same world and pose give another picture
 FRAME_NS = 100_000_000

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
-from omnilab.api import GridPoses, Layout, PathPoses, RandomPoses, RecordedPoses
+from omnilab.api import Floats, GridPoses, Layout, PathPoses, RandomPoses, RecordedPoses
 from omnilab.errors import DataError
 from omnilab.geometry import planar_poses
 from omnilab_mirror.world import World
-
-Floats = npt.NDArray[np.floating[Any]]
 
 
 def poses_of(layout: Layout, world: World, height_m: float, on_floor: bool) -> tuple[Floats, list[str]]:

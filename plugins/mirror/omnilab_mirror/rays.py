@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from omnilab.api import Floats
 from omnilab.projection import HyperbolicMirror
 from omnilab_mirror.tracer import BLOCK, TILE, Cones
-
-Floats = npt.NDArray[np.floating[Any]]
 
 NO_CONE = (-2.0, 2.0)  # a tile that spans more than a half-space may see anything
 

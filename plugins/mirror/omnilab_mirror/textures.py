@@ -8,7 +8,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from omnilab_mirror.canvas import Canvas, Floats, Paint, Painter, framed, mixed, toned
+from omnilab.api import Floats
+from omnilab_mirror.canvas import Canvas, Paint, Painter, framed, mixed, toned
 from omnilab_mirror.reader import Section, is_color
 
 HANDLE = (225, 200, 90)

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from omnilab.api import Bytes, Floats
 from omnilab.errors import ConfigError, DataError
 from omnilab_mirror.atlas import Atlas, build_atlas
 from omnilab_mirror.canvas import Canvas
@@ -20,9 +19,6 @@ from omnilab_mirror.light import Light, light
 from omnilab_mirror.objects import add_object
 from omnilab_mirror.reader import read, suggestion
 from omnilab_mirror.textures import textures
-
-Floats = npt.NDArray[np.floating[Any]]
-Bytes = npt.NDArray[np.uint8]
 
 CLEARANCE_M = 0.05
 MAX_TEXELS = 40_000_000

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from omnilab.api import Bytes, Circle
+from omnilab.api import Bytes, Circle, Floats
 from omnilab.errors import DataError
 
-Floats = npt.NDArray[np.floating[Any]]
 Ints = npt.NDArray[np.integer[Any]]
 Bools = npt.NDArray[np.bool_]
 

@@ -15,14 +15,13 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from omnilab.api import Bytes, Frames, Layout, Mesh, Plan
+from omnilab.api import Bytes, Floats, Frames, Layout, Mesh, Plan
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses
 from omnilab_recordings.images import decode, read_bytes
 from omnilab_recordings.optics import Optics, check_circle, circle_of, most_common_size, off_ring, unseen_in
 from omnilab_recordings.recording import POSITIONS_FILE, Recording, open_recording
 
-Floats = npt.NDArray[np.floating[Any]]
 Ints = npt.NDArray[np.integer[Any]]
 R = TypeVar("R")
 

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from omnilab.api import GridPoses
+from omnilab.api import Floats, GridPoses
 from omnilab.errors import ConfigError, DataError
 from omnilab_recordings.positions import Positions
 
-Floats = npt.NDArray[np.floating[Any]]
 Ints = npt.NDArray[np.integer[Any]]
 Bools = npt.NDArray[np.bool_]
 
