@@ -158,7 +158,7 @@ class Camera(Protocol):
 
 @runtime_checkable
 class CalibratedCamera(Camera, Protocol):
-    """A camera with one viewpoint that knows where each of its pixels looks."""
+    """A camera that knows where each of its pixels looks."""
 
     def directions(self, pixels: Floats) -> Floats:
         """Unit directions (..., 3) in the camera frame of pixels (..., 2) = (u, v); NaN where they show no world."""
@@ -178,6 +178,7 @@ class Frames:
     plan_index: Ints  # (N,) which frames of the plan these are
     T_world_camera: Floats | None = None  # (N, 4, 4)
     omitted: Sequence[str] = ()  # frames of the plan that could not be delivered here, each with its reason
+    depth_m: Floats | None = None  # (N, H, W) float32: along each pixel's ray; inf where it meets nothing
 
     def __len__(self) -> int:
         return len(self.images)

@@ -1,4 +1,4 @@
-"""Central cameras: all rays meet in one viewpoint. What they share, uncalibrated circles, and panoramas as cameras.
+"""What cameras share: each pixel is a ray. Also uncalibrated circles, and panoramas as cameras.
 
 `directions` gives each pixel its unit direction in the camera frame, `pixels` is its inverse; NaN where there is none.
 Conventions (azimuth, image axes, frames) are those of `omnilab.api`; a model whose literature has others says so.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -33,8 +34,17 @@ class ImageCircle:
         return polar_pixels(ring, azimuth_rad, ring.inner + outward * (ring.radius - ring.inner))
 
 
-class CentralCamera(ABC):
-    """A calibrated camera with one viewpoint."""
+class RayCamera(ABC):
+    """A calibrated camera: each pixel sees along a ray, which has a direction and a point where it starts."""
+
+    if TYPE_CHECKING:  # a model has these as fields or as properties
+
+        @property
+        def width(self) -> int: ...
+        @property
+        def height(self) -> int: ...
+        @property
+        def circle(self) -> Circle: ...
 
     @property
     @abstractmethod
@@ -46,13 +56,31 @@ class CentralCamera(ABC):
         """Unit directions (..., 3) in the camera frame that pixels (..., 2) = (u, v) look to; NaN where there is none."""
 
     @abstractmethod
+    def origins(self, pixels: Floats) -> Floats:
+        """Points (..., 3) in the camera frame, in metres, where the rays of pixels (..., 2) start."""
+
+    @abstractmethod
     def pixels(self, directions: Floats) -> Floats:
         """Pixels (..., 2) that show directions (..., 3) of any length; NaN for those that the camera does not show."""
+
+    @abstractmethod
+    def project(self, points_m: Floats) -> Floats:
+        """Pixels (..., 2) that show points (..., 3) in the camera frame; NaN for those that the camera does not show."""
 
     def unwrap(self, azimuth_rad: Floats, level: Floats) -> Floats:
         """Pixels (..., 2) of a panorama's points; levels are spaced evenly in elevation, at most 60 degrees steep."""
         lowest, highest = not_too_steep(*self.elevations_rad)
         return self.pixels(looking(azimuth_rad, lowest + np.asarray(level) * (highest - lowest)))
+
+
+class CentralCamera(RayCamera):
+    """A camera whose rays all start in one viewpoint, the origin of its frame."""
+
+    def origins(self, pixels: Floats) -> Floats:
+        return np.zeros((*np.shape(pixels)[:-1], 3))
+
+    def project(self, points_m: Floats) -> Floats:
+        return self.pixels(points_m)
 
 
 def not_too_steep(lowest_rad: float, highest_rad: float) -> tuple[float, float]:

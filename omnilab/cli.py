@@ -1,4 +1,4 @@
-"""The command line. `omnilab plugins | runs | view | repeat | repair` are ours, everything else is Hydra's."""
+"""The command line: our commands, those that plugins add, and for everything else Hydra's."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import argparse
 import inspect
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 
+from omnilab import hooks
 from omnilab.errors import ConfigError, DataError, OmnilabError, did_you_mean
 from omnilab.logbook import KILLED, RUNNING, LoadedRun, Logbook, find_runs, load_run, new_folder_name
 from omnilab.registry import KINDS, Registry, discover
@@ -41,12 +42,21 @@ def _dispatch(argv: list[str]) -> int:
         sys.stdout.write(f"omnilab {__version__}\n")
         return 0
     if argv and re.fullmatch(r"[a-z]+", argv[0]):
-        raise ConfigError(
-            f"'{argv[0]}' is no command; there is {', '.join(COMMANDS)}, and overrides such as experiment=grid"
-        )
+        return _plugins_command(argv[0])(argv[1:])
     from omnilab.experiment import experiment
 
     return experiment(argv, discover_loudly())
+
+
+def _plugins_command(name: str) -> hooks.Command:
+    commands = discover_loudly().commands
+    if name not in commands:
+        known = [*COMMANDS, *sorted(commands)]
+        raise ConfigError(
+            f"'{name}' is no command; there is {', '.join(known)}, and overrides such as experiment=grid"
+            + did_you_mean(name, known)
+        )
+    return commands[name]
 
 
 def discover_loudly() -> Registry:
@@ -109,8 +119,10 @@ def _print_manuals(names: Sequence[str], registry: Registry) -> None:
 def settings_of(cls: type) -> list[str]:
     """The lines of a component's source that declare its settings, comments and all."""
     wanted = {field.name for field in fields(cls)}
-    lines = (line.strip() for line in inspect.getsource(cls).splitlines())
-    return [line for line in lines if (found := re.match(r"(\w+): ", line)) and found[1] in wanted]
+    classes = [c for c in reversed(cls.__mro__) if "__dataclass_fields__" in vars(c)]
+    lines = (line.strip() for c in classes for line in inspect.getsource(c).splitlines())
+    declared = {found[1]: line for line in lines if (found := re.match(r"(\w+): ", line)) and found[1] in wanted}
+    return list(declared.values())
 
 
 def runs(argv: list[str]) -> int:
@@ -203,7 +215,7 @@ def _run_parser(command: str, description: str | None) -> argparse.ArgumentParse
     return parser
 
 
-COMMANDS: dict[str, Callable[[list[str]], int]] = {
+COMMANDS: dict[str, hooks.Command] = {
     "plugins": plugins,
     "runs": runs,
     "view": view,

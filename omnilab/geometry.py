@@ -27,6 +27,44 @@ def planar_poses(position_m: npt.ArrayLike, heading_rad: npt.ArrayLike = 0.0) ->
     return T
 
 
+def rotation_xyz(x_rad: npt.ArrayLike, y_rad: npt.ArrayLike, z_rad: npt.ArrayLike) -> Floats:
+    """Rotations (..., 3, 3) = Rx(x) Ry(y) Rz(z) from angles (...) (Berenguer, thesis, eq. 3.8-3.11)."""
+    x, y, z = np.broadcast_arrays(np.asarray(x_rad, float), y_rad, z_rad)
+    return np.asarray(_turn(x, 0) @ _turn(y, 1) @ _turn(z, 2))
+
+
+def _turn(angle_rad: Floats, axis: int) -> Floats:
+    """Rotations (..., 3, 3) about one axis."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    R = np.zeros((*angle_rad.shape, 3, 3))
+    R[..., axis, axis] = 1
+    R[..., i, i] = R[..., j, j] = np.cos(angle_rad)
+    R[..., j, i] = np.sin(angle_rad)
+    R[..., i, j] = -np.sin(angle_rad)
+    return R
+
+
+def rotation_of_quaternion(xyzw: npt.ArrayLike) -> Floats:
+    """Rotations (..., 3, 3) of quaternions (..., 4), order x, y, z, w, of any length above 0."""
+    q = np.asarray(xyzw, float)
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    v, w = q[..., :3], q[..., 3, None, None]
+    zero = np.zeros(q.shape[:-1])
+    cross = np.stack(
+        [zero, -v[..., 2], v[..., 1], v[..., 2], zero, -v[..., 0], -v[..., 1], v[..., 0], zero], -1
+    ).reshape(*q.shape[:-1], 3, 3)
+    return np.asarray(np.eye(3) + 2 * w * cross + 2 * cross @ cross)
+
+
+def poses(position_m: npt.ArrayLike, R_world_camera: npt.ArrayLike) -> Floats:
+    """`T_world_camera` (N, 4, 4) of cameras at positions (N, 3) with rotations (N, 3, 3), or one rotation (3, 3) for all."""
+    position_m = np.atleast_2d(np.asarray(position_m, float))
+    T = np.tile(np.eye(4), (len(position_m), 1, 1))
+    T[:, :3, :3] = R_world_camera
+    T[:, :3, 3] = position_m
+    return T
+
+
 def heading_of(T_world_camera: Floats) -> Floats:
     """Headings (...,) of poses (..., 4, 4): the angle from the world's +x to the camera's +x about +z, in radians."""
     return np.arctan2(T_world_camera[..., 1, 0], T_world_camera[..., 0, 0])

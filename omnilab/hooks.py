@@ -20,6 +20,8 @@ from typing import Any
 import pluggy
 
 Register = Callable[[str, type[Any]], None]
+Command = Callable[[list[str]], int]  # takes the arguments, returns the exit code
+RegisterCommand = Callable[[str, Command], None]
 
 hookspec = pluggy.HookspecMarker("omnilab")
 hookimpl = pluggy.HookimplMarker("omnilab")
@@ -58,3 +60,8 @@ def register_studies(register: Register) -> None:
 @hookspec
 def register_sinks(register: Register) -> None:
     """Where the records of a run go."""
+
+
+@hookspec
+def register_commands(register: RegisterCommand) -> None:
+    """Commands beside experiments, `omnilab NAME ...`: here a function is registered, not a component."""

@@ -10,11 +10,13 @@ from functools import lru_cache
 import numpy as np
 
 from omnilab.api import Bytes, Camera, Floats
+from omnilab.calibration import load_camera, save_camera
 from omnilab.cameras import (
     CentralCamera,
     CylindricalCamera,
     EquirectangularCamera,
     ImageCircle,
+    RayCamera,
     polar_pixels,
 )
 from omnilab.errors import ConfigError, DataError
@@ -36,11 +38,14 @@ __all__ = [
     "OCamCamera",
     "ParabolicMirror",
     "PinholeCamera",
+    "RayCamera",
     "UnifiedCamera",
     "encode",
+    "load_camera",
     "mirror_view",
     "panorama",
     "polar_pixels",
+    "save_camera",
     "to_color",
     "to_gray",
     "view_of",

@@ -39,6 +39,7 @@ KINDS: dict[str, type[Any]] = {
 }
 DICTS = {"disturbances": "disturbance", "sinks": "sink"}  # settings of a run that hold any number of a kind, by name
 HOOKS = {kind: f"register_{kind}s" if kind != "study" else "register_studies" for kind in KINDS}
+COMMANDS_HOOK = "register_commands"
 
 
 @dataclass(frozen=True)
@@ -92,6 +93,7 @@ class Registry:
     """All components there are, and the plugins that failed."""
 
     components: dict[tuple[str, str], Component] = field(default_factory=dict)
+    commands: dict[str, hooks.Command] = field(default_factory=dict)
     failures: list[Failure] = field(default_factory=list)
 
     def names(self, kind: str) -> list[str]:
@@ -123,15 +125,18 @@ def discover(select: str | None = None) -> Registry:
     registry = Registry()
     for plugin in _plugins([word.strip() for word in chosen.split(",") if word.strip()]):
         try:
-            components = _load(plugin)
+            components, commands = _load(plugin)
             for component in components:
                 _check_free(component, registry)
+            for name in commands:
+                _check_free_command(name, plugin, registry)
             for component in components:
                 _store(component)
         except (Exception, SystemExit) as error:  # noqa: BLE001  what a plugin does wrong must not stop the others
             registry.failures.append(Failure(plugin, error))
         else:
             registry.components.update({(c.kind, c.name): c for c in components})
+            registry.commands.update(commands)
     return registry
 
 
@@ -177,15 +182,15 @@ def _load_file(path: Path) -> ModuleType:
     return module
 
 
-def _load(plugin: Plugin) -> list[Component]:
-    """What one plugin registers, each component checked."""
+def _load(plugin: Plugin) -> tuple[list[Component], dict[str, hooks.Command]]:
+    """The components and the commands that one plugin registers, each checked."""
     manager = pluggy.PluginManager("omnilab")
     manager.add_hookspecs(hooks)
     manager.register(plugin.load(), name=plugin.name)
     try:
         manager.check_pending()
     except pluggy.PluginValidationError as error:
-        raise PluginError(f"{error}; the hooks are {', '.join(HOOKS.values())}") from error
+        raise PluginError(f"{error}; the hooks are {', '.join([*HOOKS.values(), COMMANDS_HOOK])}") from error
     components: dict[tuple[str, str], Component] = {}
     for kind, hook in HOOKS.items():
 
@@ -196,9 +201,22 @@ def _load(plugin: Plugin) -> list[Component]:
             components[kind, name] = Component(kind, name, cls, plugin)
 
         getattr(manager.hook, hook)(register=register)
-    if not components:
-        raise PluginError(f"it registers nothing; mark a function with @hookimpl, one of {', '.join(HOOKS.values())}")
-    return list(components.values())
+    commands: dict[str, hooks.Command] = {}
+
+    def register_command(name: str, command: Any) -> None:
+        if not re.fullmatch(r"[a-z]+", name) or not callable(command) or name in commands:
+            raise PluginError(
+                f"command {name!r} is {command!r}; register one function for a name of lower case letters"
+            )
+        commands[name] = command
+
+    manager.hook.register_commands(register=register_command)
+    if not components and not commands:
+        raise PluginError(
+            "it registers nothing; mark a function with @hookimpl, one of "
+            + ", ".join([*HOOKS.values(), COMMANDS_HOOK])
+        )
+    return list(components.values()), commands
 
 
 def check_component(kind: str, name: str, cls: type[Any]) -> None:
@@ -234,6 +252,14 @@ def _check_free(component: Component, registry: Registry) -> None:
         raise PluginError(
             f"{component.kind} '{component.name}' is registered already by {other.plugin.title};"
             f" rename it, or leave one plugin out with OMNILAB_PLUGINS=-{component.plugin.name}"
+        )
+
+
+def _check_free_command(name: str, plugin: Plugin, registry: Registry) -> None:
+    if name in registry.commands:
+        raise PluginError(
+            f"the command '{name}' is registered already; rename it, or leave one plugin out with"
+            f" OMNILAB_PLUGINS=-{plugin.name}"
         )
 
 

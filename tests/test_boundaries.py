@@ -23,6 +23,7 @@ LAYERS = (  # a module of omnilab imports from the layers before its own
     {"cameras"},
     {"lenses", "mirrors"},
     {"ocam"},
+    {"calibration"},
     {"", "console", "metrics", "projection"},
     {"logbook", "record", "registry"},
     {"run", "terminal", "testing"},

@@ -3,8 +3,10 @@
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
 from scipy.spatial.transform import Rotation
 
+from omnilab import geometry
 from omnilab.geometry import heading_of, planar_poses, quaternion_xyzw, wrap_angle
 
 angles = st.floats(-50, 50)
@@ -36,3 +38,25 @@ def test_quaternions_of_half_turns_have_no_weak_component():
     for axis in np.eye(3):
         matrix = Rotation.from_rotvec(np.pi * axis).as_matrix()
         assert np.allclose(np.abs(quaternion_xyzw(matrix)), [*axis, 0], atol=1e-9)
+
+
+@given(hnp.arrays(float, 3, elements=st.floats(-7, 7)))
+def test_rotations_about_the_axes_come_in_the_order_of_the_thesis(angles):
+    ours = geometry.rotation_xyz(*angles)
+    assert np.allclose(ours, Rotation.from_euler("XYZ", angles).as_matrix(), atol=1e-12)
+
+
+@given(hnp.arrays(float, 4, elements=st.floats(-2, 2)).filter(lambda q: np.linalg.norm(q) > 1e-3))
+def test_a_quaternion_is_the_rotation_that_scipy_says(xyzw):
+    R = geometry.rotation_of_quaternion(xyzw)
+    assert np.allclose(R, Rotation.from_quat(xyzw).as_matrix(), atol=1e-12)
+    back = geometry.quaternion_xyzw(R)
+    assert np.allclose(geometry.rotation_of_quaternion(back), R, atol=1e-9)
+
+
+def test_poses_hold_positions_and_rotations():
+    R = geometry.rotation_xyz([0, 0.3], 0, [1, -2])
+    T = geometry.poses([[1, 2, 3], [4, 5, 6]], R)
+    assert np.array_equal(T[:, :3, :3], R)
+    assert np.array_equal(T[:, :3, 3], [[1, 2, 3], [4, 5, 6]])
+    assert np.array_equal(geometry.poses([1, 2, 3], np.eye(3))[0], geometry.planar_poses([1, 2, 3])[0])

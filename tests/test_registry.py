@@ -20,8 +20,9 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 
 from omnilab import hooks
+from omnilab.cli import main
 from omnilab.errors import ConfigError
-from omnilab.registry import HOOKS, KINDS, Registry, discover, members
+from omnilab.registry import COMMANDS_HOOK, HOOKS, KINDS, Registry, discover, members
 
 MEAN = '''
 from dataclasses import dataclass
@@ -75,6 +76,8 @@ BROKEN = {  # what a plugin's file adds to Mean: words of the sentence about it
     "@hookimpl\ndef register_descriptors(register): register('bad', Bad)": ["Bad", "mode", "Literal"],
     "@dataclass\nclass Bad(Mean):\n  weights: np.ndarray | None = None\n"
     "@hookimpl\ndef register_descriptors(register): register('bad', Bad)": ["Bad", "weights", "ndarray"],
+    "@hookimpl\ndef register_commands(register): register('look at', print)": ["command 'look at'", "lower case"],
+    "@hookimpl\ndef register_commands(register): register('look', 3)": ["command 'look' is 3", "function"],
     "@hookimpl\ndef register_descriptors(register): register('My-Mean', Mean)": ["'My-Mean'", "lower case"],
     "@hookimpl\ndef register_descriptors(register): register('', Mean)": ["descriptor ''", "lower case"],
     "@hookimpl\ndef register_descriptors(register): register('mean/../x', Mean)": ["'mean/../x'", "lower case"],
@@ -297,7 +300,7 @@ print("HEAVY", *sorted({HEAVY} & set(sys.modules)))
 # ------------------------------------------------------------------------------------------ what there is, documented
 def test_every_hook_has_a_kind_a_docstring_and_a_protocol() -> None:
     specs = {name: spec for name, spec in vars(hooks).items() if name.startswith("register_")}
-    assert set(specs) == set(HOOKS.values())
+    assert set(specs) == {*HOOKS.values(), COMMANDS_HOOK}
     assert set(HOOKS) == set(KINDS)
     for name, spec in specs.items():
         assert spec.__doc__, name
@@ -359,3 +362,27 @@ def test_the_manual_of_a_component_shows_its_settings(omnilab_here: Callable[...
     rc, out, err = omnilab_here("plugins", "radn")
     assert rc == 2
     assert "did you mean radon?" in err
+
+
+# ----------------------------------------------------------------------------------------------------------- commands
+COMMAND = "from omnilab import hookimpl\n@hookimpl\ndef register_commands(register): register('look', lambda argv: len(argv))\n"
+
+
+def test_a_plugin_adds_a_command(tmp_path, monkeypatch, capsys) -> None:
+    (tmp_path / "looker.py").write_text(COMMAND)
+    monkeypatch.setenv("OMNILAB_PLUGINS", str(tmp_path / "looker.py"))
+    with pytest.raises(SystemExit) as end:
+        main(["look", "here", "there"])
+    assert end.value.code == 2
+    with pytest.raises(SystemExit):
+        main(["lok"])
+    assert "'lok' is no command" in (told := capsys.readouterr().err)
+    assert "did you mean look?" in " ".join(told.split())
+
+
+def test_two_plugins_with_one_command_are_told_apart(tmp_path) -> None:
+    for name in ("one.py", "two.py"):
+        (tmp_path / name).write_text(COMMAND)
+    registry = discover(f"{tmp_path / 'one.py'},{tmp_path / 'two.py'}")
+    assert "command 'look' is registered already" in registry.failures[0].sentence
+    assert "look" in registry.commands

@@ -2,87 +2,26 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Iterator, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
-import numpy as np
-
-from omnilab.api import Floats, Frames, Layout, Mesh, Plan
-from omnilab.errors import ConfigError, DataError
 from omnilab.projection import HyperbolicMirror
-
-RENDERER_VERSION = 1  # part of the keys: raise it when the same world and pose give another picture
-FRAME_NS = 100_000_000
+from omnilab_mirror.virtual import VirtualCamera
 
 
 @dataclass
-class Mirror:
+class Mirror(VirtualCamera):
     """Images a virtual world through a hyperbolic mirror, from any pose (Berenguer, thesis, chapter 3.3).
 
     Rays are traced exactly, from the mirror's effective viewpoint; the viewpoint is the pose's origin.
     """
 
-    world: str = "room"  # a shipped world's name, or the path of a YAML file
     size: int = 250  # pixels of a side
     crop: float = 0.5  # share of the mirror's diameter in the image; 1: all of it
     a_mm: float = 40.0  # the hyperbola's a
     b_mm: float = 160.0  # the hyperbola's b
     rim_mm: float = 41.0  # from the mirror's apex up to its rim
-    color: bool = False  # RGB rather than grey
-    samples: int = 4  # rays a pixel: 1, 4, 9, ... against jagged edges
-    height_m: float = 1.0  # of the viewpoint, where a layout says nothing
-    on_floor: bool = True  # a robot carries the camera: grids and random poses keep clear of furniture below, too
-    batch: int = 64  # images rendered at once
-
-    def __post_init__(self) -> None:
-        if self.samples < 1 or int(np.sqrt(self.samples)) ** 2 != self.samples:
-            raise ConfigError(f"samples={self.samples} do not fill a square; give 1, 4, 9 or another square")
-        if self.batch < 1:
-            raise ConfigError(f"batch={self.batch} holds no image; give at least 1")
-        _ = self.camera  # checks the mirror
 
     @property
     def camera(self) -> HyperbolicMirror:
         """The mirror and its camera."""
         return HyperbolicMirror(self.size, self.crop, self.a_mm, self.b_mm, self.rim_mm)
-
-    def plan(self, layout: Layout) -> Plan:
-        """The layout's poses, less those inside furniture or outside the room, which `omitted` lists."""
-        from omnilab_mirror.poses import poses_of
-        from omnilab_mirror.world import load_world
-
-        world = load_world(self.world)
-        T_world_camera, omitted = poses_of(layout, world, self.height_m, self.on_floor)
-        return Plan(self._keys(world.digest, T_world_camera), T_world_camera, omitted)
-
-    def frames(self, plan: Plan) -> Iterator[Frames]:
-        """The planned images, ten a second by the sensor's clock."""
-        if plan.T_world_camera is None:
-            raise DataError("a virtual sensor cannot image a plan without poses; ask this sensor's plan() for one")
-        from omnilab_mirror.render import render
-        from omnilab_mirror.world import load_world
-
-        world, camera = load_world(self.world), self.camera
-        for start in range(0, len(plan), self.batch):
-            index = np.arange(start, min(start + self.batch, len(plan)))
-            T_world_camera = plan.T_world_camera[index]
-            images = render(world, camera, T_world_camera, self.samples, self.color)
-            yield Frames(images, plan.at(index).keys, FRAME_NS * index, camera, index, T_world_camera)
-
-    def scene(self) -> Mesh:
-        """The world's faces in coarse colours, open from above."""
-        from omnilab_mirror.scene import mesh_of
-        from omnilab_mirror.world import load_world
-
-        return mesh_of(load_world(self.world))
-
-    def _keys(self, digest: str, T_world_camera: Floats) -> Sequence[str]:
-        content = (RENDERER_VERSION, digest, *astuple(self.camera), self.color, self.samples)
-        camera = hashlib.blake2b(repr(content).encode(), digest_size=12)
-        keys = []
-        for pose in T_world_camera + 0.0:  # -0 is 0
-            key = camera.copy()
-            key.update(pose.tobytes())
-            keys.append(key.hexdigest())
-        return keys

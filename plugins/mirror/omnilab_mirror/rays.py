@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from omnilab.api import Floats
-from omnilab.projection import HyperbolicMirror
+from omnilab.projection import RayCamera
 from omnilab_mirror.tracer import BLOCK, TILE, Cones
 
 NO_CONE = (-2.0, 2.0)  # a tile that spans more than a half-space may see anything
@@ -23,7 +23,7 @@ class Rays(NamedTuple):
 
 
 @lru_cache(maxsize=4)
-def rays_of(camera: HyperbolicMirror, samples: int) -> Rays:
+def rays_of(camera: RayCamera, samples: int) -> Rays:
     """The rays of a camera with `samples` = n x n points in each pixel."""
     n = int(np.sqrt(samples))
     offset = (np.arange(n) + 0.5) / n - 0.5
@@ -35,7 +35,7 @@ def rays_of(camera: HyperbolicMirror, samples: int) -> Rays:
     return Rays(rays, _cones(rays, BLOCK), _cones(rays, TILE))
 
 
-def _solid_angle(camera: HyperbolicMirror, uv: Floats) -> Floats:
+def _solid_angle(camera: RayCamera, uv: Floats) -> Floats:
     """Steradians that a pixel at `uv` covers."""
     h = 1e-3
     right, up = np.array([h, 0]), np.array([0, h])

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from omnilab.projection import HyperbolicMirror
+from omnilab.projection import RayCamera
 from omnilab_mirror.rays import rays_of
 from omnilab_mirror.tracer import trace, view_from
 from omnilab_mirror.world import World
 
 
 def render(
-    world: World, camera: HyperbolicMirror, T_world_camera: npt.NDArray[Any], samples: int, color: bool
+    world: World, camera: RayCamera, T_world_camera: npt.NDArray[Any], samples: int, color: bool
 ) -> npt.NDArray[np.uint8]:
     """Images (N, H, W) or (N, H, W, 3) from poses (N, 4, 4), each pixel the mean of `samples` rays."""
     atlas = world.color if color else world.gray

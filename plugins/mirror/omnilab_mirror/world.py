@@ -36,6 +36,9 @@ class World:
     light: Light
     texels_per_m: float
     seed: int
+    sky: Bytes | None = (
+        None  # (h, w, 3): what is seen past all faces, row 0 overhead, column 0 to +x, counter-clockwise
+    )
 
     def obstacles(self, points: Floats, on_floor: bool = False) -> list[str]:
         """What each viewpoint (N, 3) is in the way of: "inside 'table'", "outside the room", or "" where it is free.
