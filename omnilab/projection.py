@@ -44,6 +44,7 @@ __all__ = [
     "load_camera",
     "mirror_view",
     "panorama",
+    "point_cloud",
     "polar_pixels",
     "save_camera",
     "to_color",
@@ -111,6 +112,18 @@ def _panorama_map(camera: Camera, shape: tuple[int, int]) -> tuple[Floats, Float
     uv = camera.unwrap(*np.broadcast_arrays(azimuth[None, :], level[:, None])).astype(np.float32)
     uv[np.isnan(uv).any(-1)] = UNSEEN
     return np.ascontiguousarray(uv[..., 0]), np.ascontiguousarray(uv[..., 1])
+
+
+def point_cloud(depth_m: Floats, camera: RayCamera, T_world_camera: Floats) -> Floats:
+    """World points (H, W, 3) that the pixels of a camera at a pose (4, 4) see at `depth_m` (H, W) along their rays.
+
+    NaN where a pixel sees nothing (Berenguer, thesis, figure 3.13).
+    """
+    v, u = np.indices(depth_m.shape)
+    pixels = np.stack([u, v], -1).astype(float)
+    far = np.where(np.isfinite(depth_m), depth_m, np.nan)[..., None]
+    points = camera.origins(pixels) + far * camera.directions(pixels)
+    return np.asarray(points @ T_world_camera[:3, :3].T + T_world_camera[:3, 3])
 
 
 def view_of(images: Bytes, camera: Camera, view: str, color: bool) -> Bytes:

@@ -7,7 +7,18 @@ from hypothesis import strategies as st
 
 from omnilab.api import Circle
 from omnilab.errors import ConfigError, DataError
-from omnilab.projection import HyperbolicMirror, ImageCircle, encode, mirror_view, panorama, to_gray, view_of
+from omnilab.geometry import poses, rotation_xyz
+from omnilab.projection import (
+    HyperbolicMirror,
+    ImageCircle,
+    PinholeCamera,
+    encode,
+    mirror_view,
+    panorama,
+    point_cloud,
+    to_gray,
+    view_of,
+)
 
 mirrors = st.builds(
     HyperbolicMirror,
@@ -132,3 +143,16 @@ def test_encoded_pictures_read_back():
 
     rgb = np.random.default_rng(1).integers(0, 255, (20, 30, 3), dtype=np.uint8)
     assert np.array_equal(imread(BytesIO(encode(rgb, "png"))), rgb)
+
+
+def test_a_point_cloud_lies_where_the_camera_saw_it():
+    camera = PinholeCamera(width=32, height=24, cx=15.5, cy=11.5, focal_px=20)
+    T = poses([1, 2, 3], rotation_xyz(0.2, -0.1, 0.7))[0]
+    depth = np.full((24, 32), 2.0)
+    depth[3, 4] = np.inf
+    points = point_cloud(depth, camera, T)
+    assert np.isnan(points[3, 4]).all()
+    seen = np.isfinite(depth)
+    assert np.allclose(np.linalg.norm(points[seen] - T[:3, 3], axis=-1), 2)
+    v, u = np.nonzero(seen)
+    assert np.allclose(camera.project((points[seen] - T[:3, 3]) @ T[:3, :3]), np.stack([u, v], -1))
