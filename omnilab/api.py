@@ -47,6 +47,7 @@ __all__ = [
     "PlaceMap",
     "Places",
     "Plan",
+    "PointCloud",
     "Pose",
     "Progress",
     "RandomPoses",
@@ -311,6 +312,14 @@ class Mesh:
 
 
 @dataclass(frozen=True)
+class PointCloud:
+    """Points (P, 3) of the world, in metres, each in its RGB colour (P, 3) uint8."""
+
+    points_m: Floats
+    colors: Bytes
+
+
+@dataclass(frozen=True)
 class Series:
     """A stretch of one curve: values (n,) at the study's steps (n,) and the sensor's times (n,)."""
 
@@ -364,6 +373,7 @@ Record = (
     | Answers
     | Pose
     | Mesh
+    | PointCloud
     | Series
     | Text
     | Progress

@@ -203,6 +203,7 @@ def sample_records() -> Iterator[tuple[str, api.Record, Tick | None]]:
     panel = api.Panel("image", "Camera", ("camera/image",))
     yield "", api.ViewLayout(((panel,),)), None
     yield "room", api.Mesh(position_m[:3], np.array([[0, 1, 2]]), picture[0, :3]), None
+    yield "cloud", api.PointCloud(position_m, picture[0, :9]), tick
     yield "places", api.PlaceMap(position_m, rng.uniform(-3, 3, 9)), None
     yield "camera/image", api.Image(picture, "png", encode(picture, "png")), tick
     yield "camera", api.Pose(planar_poses([[1.0, 2.0, 3.0]], np.pi / 2)[0]), tick

@@ -30,7 +30,7 @@ from google.protobuf.message import Message  # type: ignore[import-untyped]
 from google.protobuf.timestamp_pb2 import Timestamp  # type: ignore[import-untyped]
 
 from omnilab import api
-from omnilab.api import Floats, Tick
+from omnilab.api import Floats, Ints, Tick
 from omnilab.geometry import planar_poses, quaternion_xyzw
 from omnilab.projection import encode
 from omnilab_mcap import schema
@@ -120,6 +120,12 @@ def mesh(record: api.Mesh, topic: str, tick: Tick) -> Topics:
 
 
 @messages.register
+def point_cloud(record: api.PointCloud, topic: str, tick: Tick) -> Topics:
+    channels = (*record.colors.T, np.full(len(record.colors), 255))
+    yield topic, cloud(record.points_m, {}, tick, dict(zip(("red", "green", "blue", "alpha"), channels, strict=True)))
+
+
+@messages.register
 def text(record: api.Text, topic: str, tick: Tick) -> Topics:
     yield topic, Log(timestamp=stamp(tick), level=LEVELS[record.level], message=record.text, name=topic)
 
@@ -163,15 +169,28 @@ def poses(T: Floats) -> list[PoseMessage]:
     ]
 
 
-def cloud(position_m: Floats, values: dict[str, Floats], tick: Tick) -> PointCloud:
-    """Points (N, 3) and what holds at each (N,), as float32 in the frame "world"."""
+def cloud(
+    position_m: Floats, values: dict[str, Floats], tick: Tick, colors: dict[str, Ints] | None = None
+) -> PointCloud:
+    """Points (N, 3) and what holds at each (N,), as float32 in the frame "world"; colours are bytes."""
     columns = dict(zip("xyz", position_m.T, strict=True)) | values
+    layout = [(name, "<f4") for name in columns] + [(name, "u1") for name in colors or {}]
+    packed = np.empty(len(position_m), np.dtype(layout))
+    for name, column in (columns | (colors or {})).items():
+        packed[name] = column
+    number = {"<f4": PackedElementField.FLOAT32, "u1": PackedElementField.UINT8}
+    starts = np.cumsum([0, *(int(kind[-1]) for _, kind in layout)])
     fields = [
-        PackedElementField(name=name, offset=4 * i, type=PackedElementField.FLOAT32) for i, name in enumerate(columns)
+        PackedElementField(name=name, offset=start, type=number[kind])
+        for (name, kind), start in zip(layout, starts[:-1].tolist(), strict=True)
     ]
-    data = np.stack(list(columns.values()), axis=1).astype("<f4").tobytes()
     return PointCloud(
-        timestamp=stamp(tick), frame_id=WORLD, pose=IDENTITY, point_stride=4 * len(fields), fields=fields, data=data
+        timestamp=stamp(tick),
+        frame_id=WORLD,
+        pose=IDENTITY,
+        point_stride=packed.itemsize,
+        fields=fields,
+        data=packed.tobytes(),
     )
 
 

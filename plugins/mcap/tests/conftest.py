@@ -33,6 +33,7 @@ def records(tick):
         "/places": api.PlaceMap(places_m, np.array([0.0, np.pi / 2, -np.pi / 2])),
         "/sites": api.PlaceMap(places_m),
         "/distances": api.DistanceField(places_m, np.array([0.5, 0.25, 4.0])),
+        "/cloud": api.PointCloud(vertices_m, colors),
         "/query": api.Estimate(places_m[0], places_m[1], "second", 0.5, -0.25),
         "/lost": api.Estimate(places_m[0], places_m[1], "wrong"),
         "/answers": api.Answers(places_m, places_m[::-1] + 1.5, ["nearest", "wrong", "nearest"]),

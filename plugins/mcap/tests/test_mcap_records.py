@@ -50,10 +50,9 @@ def xyz(point):
 
 def columns(cloud):
     """A point cloud's columns by name, unpacked as its own description says."""
-    assert {field.type for field in cloud.fields} == {7}  # FLOAT32
     kind = {
         "names": [field.name for field in cloud.fields],
-        "formats": ["<f4"] * len(cloud.fields),
+        "formats": [{7: "<f4", 1: "u1"}[field.type] for field in cloud.fields],  # FLOAT32, UINT8
         "offsets": [field.offset for field in cloud.fields],
         "itemsize": cloud.point_stride,
     }
@@ -118,6 +117,14 @@ def test_distance_field(topics):
     np.testing.assert_array_equal(
         [list(point) for point in columns(field)], [[0, 0, 1, 0.5], [0.5, 0, 1, 0.25], [0, 0.25, 1, 4]]
     )
+
+
+def test_point_cloud(topics, records):
+    cloud = columns(only(topics, "/cloud", "foxglove.PointCloud"))
+    np.testing.assert_array_equal(np.stack([cloud["x"], cloud["y"], cloud["z"]], -1), records["/cloud"].points_m)
+    colors = np.stack([cloud["red"], cloud["green"], cloud["blue"]], -1)
+    np.testing.assert_array_equal(colors, records["/cloud"].colors)
+    assert (cloud["alpha"] == 255).all()
 
 
 def test_estimate(topics, tick):

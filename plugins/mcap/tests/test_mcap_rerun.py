@@ -63,6 +63,14 @@ def test_distances_are_shown(converted, records):
     np.testing.assert_allclose(positions, records["/distances"].position_m)
 
 
+def test_a_point_cloud_is_shown_in_its_colours(converted, records):
+    (positions,) = converted("/cloud", "Points3D:positions")
+    np.testing.assert_allclose(positions, records["/cloud"].points_m)
+    (colors,) = converted("/cloud", "Points3D:colors")
+    red = [color >> 24 for color in colors]
+    assert red == records["/cloud"].colors[:, 0].tolist()
+
+
 def test_signature_is_shown(converted, records):
     ((buffer,),) = converted("/camera/signature", "Image:buffer")
     values = np.array(buffer, np.uint8).view("<f4").reshape(5, 7)

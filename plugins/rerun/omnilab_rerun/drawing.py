@@ -17,6 +17,7 @@ from omnilab.api import (
     Ints,
     Mesh,
     PlaceMap,
+    PointCloud,
     Pose,
     Record,
     Signature,
@@ -49,6 +50,8 @@ def draw(record: Record, spacing_m: float) -> Drawing:
             yield "", _pose(record, spacing_m)
         case Mesh():
             yield "", [_mesh(record)]
+        case PointCloud():
+            yield "", [rr.Points3D(record.points_m, colors=record.colors, radii=rr.Radius.ui_points(1.5))]
         case Text(markdown=True):
             yield "", [rr.TextDocument(record.text, media_type="text/markdown")]
         case Text():

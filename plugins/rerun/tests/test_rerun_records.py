@@ -12,6 +12,7 @@ from omnilab.api import (
     Image,
     Mesh,
     PlaceMap,
+    PointCloud,
     Pose,
     Progress,
     Series,
@@ -134,6 +135,13 @@ def test_mesh(recorded):
     np.testing.assert_allclose(log.rows("/room", "Mesh3D:vertex_positions")[0], GRID[:4])
     np.testing.assert_array_equal(log.rows("/room", "Mesh3D:triangle_indices")[0], triangles)
     assert log.rows("/room", "Mesh3D:vertex_colors")[0] == [packed((1, 2, 3))] * 4
+
+
+def test_point_cloud(recorded):
+    colors = np.uint8([[1, 2, 3], [4, 5, 6], [7, 8, 9], [10, 11, 12]])
+    log = recorded([("cloud", PointCloud(GRID[:4], colors), AT)])
+    np.testing.assert_allclose(log.rows("/cloud", "Points3D:positions")[0], GRID[:4])
+    assert log.rows("/cloud", "Points3D:colors")[0] == [packed(color) for color in colors.tolist()]
 
 
 def test_series_in_stretches_is_one_curve(recorded):

@@ -2,10 +2,12 @@
 
 from omnilab.hooks import Register, hookimpl
 from omnilab_studies.grid import Grid
+from omnilab_studies.views import Views
 
-__all__ = ["Grid"]
+__all__ = ["Grid", "Views"]
 
 
 @hookimpl
 def register_studies(register: Register) -> None:
     register("grid", Grid)
+    register("views", Views)

@@ -2,6 +2,18 @@
 
 from omnilab.api import Panel, ViewLayout
 
+VIEWS = ViewLayout(
+    columns=(
+        (Panel("map", "World, poses and what the camera sees", ("room", "poses", "camera", "cloud")),),
+        (
+            Panel("image", "Picture", ("view/image",)),
+            Panel("image", "Panorama", ("view/panorama",)),
+            Panel("text", "Poses", ("summary",)),
+        ),
+    ),
+    widths=(3, 2),
+)
+
 PLACES = ViewLayout(
     columns=(
         (
