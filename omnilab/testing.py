@@ -21,7 +21,7 @@ import numpy as np
 from omnilab import api
 from omnilab.api import Bytes, Floats, Layout, Places, Signatures, Tick
 from omnilab.geometry import planar_poses
-from omnilab.projection import HyperbolicMirror, encode
+from omnilab.projection import PANORAMA_SHAPE, HyperbolicMirror, encode
 from omnilab.record import Recorder
 from omnilab.registry import check_component
 
@@ -73,22 +73,31 @@ def _check_turn(descriptor: Any, images: Bytes, before: Signatures) -> None:
         descriptor.turned in {"shifts", "same", "changes"},
         f"turned={descriptor.turned!r} is none of 'shifts', 'same', 'changes'",
     )
-    if descriptor.turned == "changes":
+    if descriptor.turned == "changes" and before.heading is None:
         return
     if descriptor.view == "mirror":
         turned = np.rot90(images, k=-1, axes=(1, 2))
     else:
         turned = np.roll(images, -images.shape[2] // 4, axis=2)
     after = descriptor.describe(np.ascontiguousarray(turned))
-    expected = before.place
-    if descriptor.turned == "shifts":
-        samples = before.place.shape[-1]
-        _expect(samples % 4 == 0, f"{samples} angles hold no quarter turn; check a descriptor with a multiple of 4")
-        expected = np.roll(before.place, -samples // 4, axis=-1)
-    _expect(
-        _same(Signatures(expected), Signatures(after.place), 1e-3),
-        f"declares turned={descriptor.turned!r}, but a quarter turn to the left does something else",
-    )
+    if descriptor.turned != "changes":
+        expected = _quarter(before.place) if descriptor.turned == "shifts" else before.place
+        _expect(
+            _same(Signatures(expected), Signatures(after.place), 1e-3),
+            f"declares turned={descriptor.turned!r}, but a quarter turn to the left does something else",
+        )
+    if before.heading is not None:
+        _expect(
+            _same(Signatures(_quarter(before.heading)), Signatures(after.heading), 1e-3),
+            "a quarter turn to the left does not shift the last axis of `heading` by a quarter",
+        )
+
+
+def _quarter(turned: Floats) -> Floats:
+    """What a quarter turn to the left makes of an axis that shifts."""
+    samples = turned.shape[-1]
+    _expect(samples % 4 == 0, f"{samples} angles hold no quarter turn; check a descriptor with a multiple of 4")
+    return np.roll(turned, -samples // 4, axis=-1)
 
 
 def check_distance(distance: Any, signatures: Signatures | None = None) -> None:
@@ -228,7 +237,7 @@ def _common(kind: str, component: Any) -> None:
 
 def _pictures(view: str, color: bool) -> Bytes:
     """Six smooth random pictures."""
-    shape = (6, SIDE, SIDE) if view == "mirror" else (6, SIDE // 2, 2 * SIDE)
+    shape = (6, SIDE, SIDE) if view == "mirror" else (6, *PANORAMA_SHAPE)
     rng = np.random.default_rng(11)
     layers = [np.clip(128 + 60 * _smooth(rng, shape), 0, 255).astype(np.uint8) for _ in range(3 if color else 1)]
     return np.stack(layers, axis=-1) if color else layers[0]

@@ -3,30 +3,59 @@
 from omnilab.hooks import Register, hookimpl
 from omnilab_appearance.blur import Blur
 from omnilab_appearance.color_shift import ColorShift
+from omnilab_appearance.cosine import Cosine
 from omnilab_appearance.euclidean import Euclidean
+from omnilab_appearance.fourier_signature import FourierSignature
+from omnilab_appearance.gist import Gist
+from omnilab_appearance.hog import Hog
 from omnilab_appearance.light import Light
+from omnilab_appearance.log import Log
 from omnilab_appearance.nearest import Nearest
 from omnilab_appearance.noise import GaussianNoise, ListingNoise, UniformNoise
 from omnilab_appearance.occlusion import Occlusion
+from omnilab_appearance.pearson import Pearson
 from omnilab_appearance.poc import Poc
 from omnilab_appearance.poc_band import PocBand
+from omnilab_appearance.poc_squared import PocSquared
 from omnilab_appearance.radon import Radon
+from omnilab_appearance.radon_gist import RadonGist
+from omnilab_appearance.radon_hog import RadonHog
+from omnilab_appearance.ring import Ring
+from omnilab_appearance.ring_key import RingKey
+from omnilab_appearance.root import Root
 from omnilab_appearance.tilt import Tilt
+from omnilab_appearance.tiny_image import TinyImage
+from omnilab_appearance.weighted import Cityblock, Weighted
 
 __all__ = [
     "Blur",
+    "Cityblock",
     "ColorShift",
+    "Cosine",
     "Euclidean",
+    "FourierSignature",
     "GaussianNoise",
+    "Gist",
+    "Hog",
     "Light",
     "ListingNoise",
+    "Log",
     "Nearest",
     "Occlusion",
+    "Pearson",
     "Poc",
     "PocBand",
+    "PocSquared",
     "Radon",
+    "RadonGist",
+    "RadonHog",
+    "Ring",
+    "RingKey",
+    "Root",
     "Tilt",
+    "TinyImage",
     "UniformNoise",
+    "Weighted",
 ]
 
 
@@ -45,13 +74,28 @@ def register_disturbances(register: Register) -> None:
 @hookimpl
 def register_descriptors(register: Register) -> None:
     register("radon", Radon)
+    register("radon_gist", RadonGist)
+    register("radon_hog", RadonHog)
+    register("fourier_signature", FourierSignature)
+    register("hog", Hog)
+    register("gist", Gist)
+    register("ring", Ring)
+    register("ring_key", RingKey)
+    register("tiny_image", TinyImage)
 
 
 @hookimpl
 def register_distances(register: Register) -> None:
     register("poc", Poc)
     register("poc_band", PocBand)
+    register("poc_squared", PocSquared)
     register("euclidean", Euclidean)
+    register("cityblock", Cityblock)
+    register("weighted", Weighted)
+    register("pearson", Pearson)
+    register("cosine", Cosine)
+    register("log", Log)
+    register("root", Root)
 
 
 @hookimpl

@@ -37,3 +37,63 @@ def line_sums(padded, cos, sin, center):  # type: ignore[no-untyped-def]
                 for b in range(batch):
                     total[b] += w00 * p00[b] + w01 * p01[b] + w10 * p10[b] + w11 * p11[b]
     return out
+
+
+@nb.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
+def power_sums(queries, places, weights, p):  # type: ignore[no-untyped-def]
+    """Sums (Q, P) of weights (D,) times |difference|^p between queries (Q, D) and places (P, D)."""
+    out = np.empty((len(queries), len(places)), np.float32)
+    for j in nb.prange(len(places)):
+        for i in range(len(queries)):
+            total = 0.0
+            for d in range(len(weights)):
+                apart = abs(queries[i, d] - places[j, d])
+                power = apart
+                for _ in range(p - 1):
+                    power *= apart
+                total += weights[d] * power
+            out[i, j] = total
+    return out
+
+
+@nb.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
+def contrast_sums(queries, places):  # type: ignore[no-untyped-def]
+    """Sums (Q, P) of the squared contrasts (r - s) / (r + s) between queries (Q, D) and places (P, D)."""
+    out = np.empty((len(queries), len(places)), np.float32)
+    for j in nb.prange(len(places)):
+        for i in range(len(queries)):
+            total = 0.0
+            for d in range(queries.shape[1]):
+                both = queries[i, d] + places[j, d]
+                if both != 0:
+                    contrast = (queries[i, d] - places[j, d]) / both
+                    total += contrast * contrast
+            out[i, j] = total
+    return out
+
+
+@nb.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
+def gradient_histograms(pictures, bins):  # type: ignore[no-untyped-def]
+    """Sums of gradient strength by direction over rows (N, H, bins) and over columns (N, bins, W); columns wrap."""
+    count, height, width = pictures.shape
+    rows = np.zeros((count, height, bins), np.float32)
+    columns = np.zeros((count, bins, width), np.float32)
+    for n in nb.prange(count):
+        picture = pictures[n]
+        for v in range(height):
+            for u in range(width):
+                left = u - 1 if u > 0 else width - 1
+                right = u + 1 if u + 1 < width else 0
+                across = float(picture[v, right]) - picture[v, left]
+                down = 0.0
+                if 0 < v < height - 1:
+                    down = float(picture[v + 1, u]) - picture[v - 1, u]
+                strength = math.sqrt(across * across + down * down)
+                if strength > 0:
+                    share = math.atan2(down, across) / math.pi
+                    if share < 0:
+                        share += 1
+                    k = min(int(share * bins), bins - 1) if share < 1 else 0
+                    rows[n, v, k] += strength
+                    columns[n, k, u] += strength
+    return rows, columns

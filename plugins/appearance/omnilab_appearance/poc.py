@@ -100,10 +100,3 @@ def between(before: Floats, peak: Floats, after: Floats) -> Floats:
     higher = np.maximum(np.maximum(before, after), 0)
     share = np.divide(higher, higher + peak, out=np.zeros_like(peak), where=higher + peak > 0)
     return np.asarray(np.where(after > before, share, -share))
-
-
-def vertex(before: Floats, peak: Floats, after: Floats) -> Floats:
-    """Where between -0.5 and 0.5 the parabola through three samples peaks, the middle one being the highest."""
-    bend = before - 2 * peak + after
-    offset = np.divide(0.5 * (before - after), bend, out=np.zeros_like(peak), where=bend < 0)
-    return np.asarray(np.clip(offset, -0.5, 0.5))

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,13 +11,10 @@ import numpy.typing as npt
 from omnilab.api import Floats, Match, Signatures
 from omnilab.errors import ConfigError
 from omnilab.geometry import wrap_angle
-from omnilab_appearance.poc import in_chunks, matrices_of, unit_phase, vertex
-
-if TYPE_CHECKING:
-    from threadpoolctl import ThreadpoolController
+from omnilab_appearance.poc import in_chunks, matrices_of, unit_phase
+from omnilab_appearance.turns import best_turns
 
 Spectra = npt.NDArray[np.complexfloating[Any, Any]]
-HELD = 2**21  # correlation samples held at once: what the cache and the memory like
 CUT = 2.5  # standard deviations at which the band ends
 
 
@@ -51,24 +45,8 @@ class PocBand:
     def match(self, queries: Signatures, index: tuple[Spectra, int]) -> Match:
         """Distances and rotations (Q, P)."""
         places, angles = index
-        band = np.ascontiguousarray(self._band(matrices_of(queries)).conj().transpose(2, 0, 1))
-        synthesis = _synthesis(len(places), angles)
-        distance = np.empty((len(queries), places.shape[2]), np.float32)
-        rotation = np.empty_like(distance)
-        step = max(1, HELD // (max(1, len(queries)) * angles))
-
-        def compare(start: int) -> None:
-            chunk = slice(start, start + step)
-            cross = np.matmul(band, places[:, :, chunk])  # (frequencies, queries, places), summed over the offsets
-            parts = np.concatenate([cross.real, cross.imag]).reshape(2 * len(places), -1)
-            peak, shift = _highest(parts.T @ synthesis)
-            distance[:, chunk] = 1 - peak.reshape(cross.shape[1:])
-            rotation[:, chunk] = (2 * np.pi / angles * shift).reshape(cross.shape[1:])
-
-        # a thread a block, and none within: the sums do not depend on their number, and they do not wait for each other
-        with _blas().limit(limits=1, user_api="blas"), ThreadPoolExecutor(os.cpu_count()) as pool:
-            list(pool.map(compare, range(0, places.shape[2], step)))
-        return Match(distance, wrap_angle(rotation))
+        agreement, rotation = best_turns(self._band(matrices_of(queries)), places, angles)
+        return Match(1 - agreement, wrap_angle(rotation))
 
     def _band(self, matrices: Floats) -> Spectra:
         """Unit-phase spectra (N, offset frequencies, angle frequencies), each times the root of its weight."""
@@ -82,27 +60,3 @@ class PocBand:
         weight = along_offsets[:, None] * along_angles
         weight /= weight[:, 0].sum() + 2 * weight[:, 1:].sum()  # the other half of a real signal's spectrum is the same
         return np.asarray(spectra * np.sqrt(weight).astype(np.float32))
-
-
-@cache
-def _blas() -> ThreadpoolController:
-    from threadpoolctl import ThreadpoolController
-
-    return ThreadpoolController()
-
-
-def _synthesis(frequencies: int, angles: int) -> Floats:
-    """(2 x frequencies, angles): from the real and imaginary parts of half a spectrum to the correlation itself."""
-    turns = 2 * np.pi * np.outer(np.arange(frequencies), np.arange(angles)) / angles
-    twice = np.where(np.arange(frequencies) == 0, 1, 2)[:, None]  # the other half of the spectrum
-    return np.concatenate([twice * np.cos(turns), -twice * np.sin(turns)]).astype(np.float32)
-
-
-def _highest(curves: Floats) -> tuple[Floats, Floats]:
-    """The peak of each row (N, angles) and where it lies, both refined between the samples by a parabola."""
-    top = curves.argmax(axis=1)
-    every = np.arange(len(curves))
-    peak = curves[every, top]
-    before, after = curves[every, top - 1], curves[every, (top + 1) % curves.shape[1]]
-    offset = vertex(before, peak, after)
-    return peak - 0.25 * (before - after) * offset, top + offset

@@ -9,6 +9,7 @@ import numpy as np
 
 from omnilab.api import Bytes, Floats, Signatures
 from omnilab.errors import ConfigError, DataError
+from omnilab_appearance.pictures import channels_of, side_by_side
 
 BLOCK = 32  # images that travel through the kernel side by side: their pixels share a cache line
 
@@ -26,9 +27,9 @@ class Radon:
 
     offsets: int = 173  # samples across the image circle
     angles: int = 180  # samples over 360 degrees
+    color: bool = False  # each channel of RGB for itself, (N, 3 offsets, angles)
 
     view: ClassVar[str] = "mirror"
-    color: ClassVar[bool] = False
     turned: ClassVar[str] = "shifts"
     default_distance: ClassVar[str] = "poc_band"
 
@@ -39,11 +40,13 @@ class Radon:
             )
 
     def describe(self, images: Bytes) -> Signatures:
-        """Radon transforms (N, offsets, angles) float32 of square mirror images (N, S, S)."""
-        if images.ndim != 3 or images.shape[1] != images.shape[2]:
-            raise DataError(f"images of shape {images.shape} are not square and grey; give (N, S, S)")
-        blocks = [self._describe(images[i : i + BLOCK]) for i in range(0, len(images), BLOCK)]
-        return Signatures(np.concatenate(blocks) if blocks else np.empty((0, self.offsets, self.angles), np.float32))
+        """Radon transforms (N, offsets, angles) float32 of square mirror images (N, S, S[, 3])."""
+        pictures = channels_of(images, self.color)
+        if pictures.shape[1] != pictures.shape[2]:
+            raise DataError(f"images of shape {images.shape} are not square; give (N, S, S), or (N, S, S, 3) in colour")
+        blocks = [self._describe(pictures[i : i + BLOCK]) for i in range(0, len(pictures), BLOCK)]
+        place = np.concatenate(blocks) if blocks else np.empty((0, self.offsets, self.angles), np.float32)
+        return side_by_side(Signatures(place), self.color)
 
     def _describe(self, images: Bytes) -> Floats:
         half = self.angles // 2 if self.angles % 2 == 0 else self.angles

@@ -1,0 +1,67 @@
+"""What descriptors do to pictures before they describe them."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from omnilab.api import Bytes, Floats, Signatures
+from omnilab.errors import DataError
+
+
+def channels_of(images: Bytes, color: bool) -> Bytes:
+    """Grey pictures (N, H, W), or all channels of colour ones (N, H, W, 3) as (3 N, H, W); DataError for others."""
+    if images.ndim != (4 if color else 3) or images.dtype != np.uint8:
+        wanted = "(N, H, W, 3)" if color else "(N, H, W)"
+        raise DataError(f"images of shape {images.shape} and type {images.dtype} were given; give {wanted} uint8")
+    return images if not color else np.ascontiguousarray(np.moveaxis(images, -1, 1)).reshape(-1, *images.shape[1:3])
+
+
+def side_by_side(signatures: Signatures, color: bool) -> Signatures:
+    """Signatures of channels (3 N, ...) as those of colour pictures: the three are stacked along the first axis."""
+    if not color:
+        return signatures
+    return Signatures(_stacked(signatures.place), None if signatures.heading is None else _stacked(signatures.heading))
+
+
+def _stacked(parts: Floats) -> Floats:
+    return parts.reshape(len(parts) // 3, 3 * parts.shape[1], *parts.shape[2:])
+
+
+def with_rows(images: Bytes, rows: int) -> Floats:
+    """Panoramas (N, rows, W) float32, each row the mean of those it covers."""
+    import cv2
+
+    if rows > images.shape[1]:
+        raise DataError(f"rows={rows} are more than the {images.shape[1]} rows of the panoramas; give fewer")
+    fine = images.astype(np.float32)
+    if rows == images.shape[1]:
+        return fine
+    size = (images.shape[2], rows)
+    return np.stack([cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in fine])
+
+
+def bands(count: int, length: int) -> list[slice]:
+    """`count` stretches that part `length` samples, as even as can be; DataError if there are more than samples."""
+    if count > length:
+        raise DataError(f"{count} blocks cannot be cut from {length} rows; give at most {length}")
+    edges = np.round(np.linspace(0, length, count + 1)).astype(int)
+    return [slice(int(low), int(high)) for low, high in pairwise(edges)]
+
+
+def columns_around(values: Floats, width: int, spacing: int) -> Floats:
+    """Means over overlapping stretches of the last axis, which wraps: (..., W) to (..., W / spacing).
+
+    Stretch k is `width` samples wide and begins at k x spacing.
+    """
+    samples = values.shape[-1]
+    if width > samples or samples % spacing:
+        raise DataError(
+            f"blocks {width} wide every {spacing} columns do not fit {samples} columns;"
+            f" give a width up to {samples} and a spacing that divides it"
+        )
+    sums = np.cumsum(np.concatenate([values, values[..., :width]], -1), -1, dtype=np.float64)
+    sums = np.concatenate([np.zeros_like(sums[..., :1]), sums], -1)
+    starts = np.arange(0, samples, spacing)
+    return np.asarray((sums[..., starts + width] - sums[..., starts]) / width, np.float32)

@@ -1,0 +1,91 @@
+"""Rotations between signatures whose last axis shifts as the camera turns."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from omnilab.api import Floats
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
+
+Spectra = npt.NDArray[np.complexfloating[Any, Any]]
+HELD = 2**21  # correlation samples held at once: what the cache and the memory like
+
+
+def heading_spectra(headings: Floats) -> Spectra:
+    """Half spectra (N, rows, frequencies) along the last axis of (N, ..., samples), without means, of unit length.
+
+    Headings that are flat have no direction: their spectra are zero.
+    """
+    from scipy import fft
+
+    rows = headings.reshape(len(headings), -1, headings.shape[-1])
+    spectra = fft.rfft(rows)[:, :, : (rows.shape[2] + 1) // 2]
+    spectra[:, :, 0] = 0
+    power = 2 * np.einsum("nrf,nrf->n", spectra, spectra.conj()).real
+    length = np.sqrt(power)[:, None, None]
+    return np.asarray(np.divide(spectra, length, out=np.zeros_like(spectra), where=length > 0))
+
+
+def best_turns(queries: Spectra, places: Spectra, samples: int) -> tuple[Floats, Floats]:
+    """How well Q queries agree with P places at the best rotation, and that rotation in radians, both (Q, P).
+
+    Spectra are (Q, rows, frequencies) and (frequencies, rows, P): half spectra of real signals of `samples` along the
+    axis that shifts. Correlations are summed over the rows, and peaks refined between the samples by a parabola.
+    """
+    band = np.ascontiguousarray(queries.conj().transpose(2, 0, 1))
+    synthesis = _synthesis(len(places), samples)
+    agreement = np.empty((len(queries), places.shape[2]), np.float32)
+    rotation = np.empty_like(agreement)
+    step = max(1, HELD // (max(1, len(queries)) * samples))
+
+    def compare(start: int) -> None:
+        chunk = slice(start, start + step)
+        cross = np.matmul(band, places[:, :, chunk])  # (frequencies, queries, places), summed over the rows
+        parts = np.concatenate([cross.real, cross.imag]).reshape(2 * len(places), -1)
+        peak, shift = _highest(parts.T @ synthesis)
+        agreement[:, chunk] = peak.reshape(cross.shape[1:])
+        rotation[:, chunk] = (2 * np.pi / samples * shift).reshape(cross.shape[1:])
+
+    # a thread a block, and none within: the sums do not depend on their number, and they do not wait for each other
+    with _blas().limit(limits=1, user_api="blas"), ThreadPoolExecutor(os.cpu_count()) as pool:
+        list(pool.map(compare, range(0, places.shape[2], step)))
+    return agreement, rotation
+
+
+@cache
+def _blas() -> ThreadpoolController:
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
+
+
+def _synthesis(frequencies: int, samples: int) -> Floats:
+    """(2 x frequencies, samples): from the real and imaginary parts of half a spectrum to the correlation itself."""
+    turns = 2 * np.pi * np.outer(np.arange(frequencies), np.arange(samples)) / samples
+    twice = np.where(np.arange(frequencies) == 0, 1, 2)[:, None]  # the other half of the spectrum
+    return np.concatenate([twice * np.cos(turns), -twice * np.sin(turns)]).astype(np.float32)
+
+
+def _highest(curves: Floats) -> tuple[Floats, Floats]:
+    """The peak of each row (N, samples) and where it lies, both refined between the samples by a parabola."""
+    top = curves.argmax(axis=1)
+    every = np.arange(len(curves))
+    peak = curves[every, top]
+    before, after = curves[every, top - 1], curves[every, (top + 1) % curves.shape[1]]
+    offset = vertex(before, peak, after)
+    return peak - 0.25 * (before - after) * offset, top + offset
+
+
+def vertex(before: Floats, peak: Floats, after: Floats) -> Floats:
+    """Where between -0.5 and 0.5 the parabola through three samples peaks, the middle one being the highest."""
+    bend = before - 2 * peak + after
+    offset = np.divide(0.5 * (before - after), bend, out=np.zeros_like(peak), where=bend < 0)
+    return np.asarray(np.clip(offset, -0.5, 0.5))

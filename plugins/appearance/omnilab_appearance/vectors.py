@@ -1,0 +1,70 @@
+"""What distances between signatures as vectors share: the vectors, and the rotation that headings tell."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from omnilab.api import Floats, Match, Signatures
+from omnilab.errors import DataError
+from omnilab.geometry import wrap_angle
+from omnilab_appearance.turns import Spectra, best_turns, heading_spectra
+
+
+class Index(NamedTuple):
+    """A map, ready to be compared with."""
+
+    places: Any  # what the distance keeps of the places
+    shape: tuple[int, ...]  # of one signature
+    headings: Spectra | None  # (frequencies, rows, P)
+    samples: int  # of the headings
+
+
+@dataclass
+class VectorDistance(ABC):
+    """A distance between the `place` parts of signatures, as vectors.
+
+    Where signatures have a `heading` part, the rotation is the shift at which the two headings correlate best.
+    """
+
+    def prepare(self, places: Signatures) -> Index:
+        """What the distance needs of the places, and their headings' spectra."""
+        headings, samples = None, 0
+        if places.heading is not None:
+            headings = np.ascontiguousarray(heading_spectra(places.heading).transpose(2, 1, 0))
+            samples = places.heading.shape[-1]
+        return Index(self._learn(_flat(places)), places.place.shape[1:], headings, samples)
+
+    def match(self, queries: Signatures, index: Index) -> Match:
+        """Distances (Q, P), and rotations where there are headings."""
+        if queries.place.shape[1:] != index.shape:
+            raise DataError(
+                f"queries of shape {queries.place.shape[1:]} cannot be compared with places of shape {index.shape};"
+                " describe both with the same settings"
+            )
+        distance = np.asarray(self._distances(_flat(queries), index.places), np.float32)
+        if index.headings is None or queries.heading is None:
+            return Match(distance)
+        _, rotation = best_turns(heading_spectra(queries.heading), index.headings, index.samples)
+        return Match(distance, wrap_angle(rotation))
+
+    def _learn(self, places: Floats) -> Any:
+        """What to keep of the places (P, D); by default the places."""
+        return places
+
+    @abstractmethod
+    def _distances(self, queries: Floats, places: Any) -> Floats:
+        """Distances (Q, P) of queries (Q, D) to what was kept of the places."""
+
+
+def _flat(signatures: Signatures) -> Floats:
+    return np.ascontiguousarray(signatures.place.reshape(len(signatures), -1), np.float32)
+
+
+def unit(vectors: Floats) -> Floats:
+    """Vectors (N, D) of unit length; zero vectors stay zero."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0))
