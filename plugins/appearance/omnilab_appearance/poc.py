@@ -12,8 +12,10 @@ import numpy.typing as npt
 from omnilab.api import Floats, Match, Signatures
 from omnilab.errors import DataError
 from omnilab.geometry import wrap_angle
+from omnilab_appearance.turns import Headings, headings_of, rotations
 
 Spectra = npt.NDArray[np.complexfloating[Any, Any]]
+PocIndex = tuple[Spectra, tuple[int, int], Headings | None]
 CHUNK = 64  # matrices transformed at once: what fits the cache
 
 
@@ -25,13 +27,13 @@ class Poc:
     between samples (Foroosh et al., 2002), gives the rotation; the shift along the other axis is free.
     """
 
-    def prepare(self, places: Signatures) -> tuple[Spectra, tuple[int, int]]:
-        """Unit-phase spectra of the places, and the shape of their signatures."""
-        return in_chunks(unit_phase, matrices_of(places)), places.place.shape[1:]
+    def prepare(self, places: Signatures) -> PocIndex:
+        """Unit-phase spectra of the places, the shape of their signatures, and their headings."""
+        return in_chunks(unit_phase, matrices_of(places)), places.place.shape[1:], headings_of(places)
 
-    def match(self, queries: Signatures, index: tuple[Spectra, tuple[int, int]]) -> Match:
-        """Distances and rotations (Q, P)."""
-        spectra, shape = index
+    def match(self, queries: Signatures, index: PocIndex) -> Match:
+        """Distances and rotations (Q, P); signatures with a heading part are rotated as that says."""
+        spectra, shape, headings = index
         distance = np.empty((len(queries), len(spectra)), np.float32)
         rotation = np.empty_like(distance)
         for q, query in enumerate(unit_phase(matrices_of(queries))):
@@ -40,7 +42,8 @@ class Poc:
                 peak, shift = highest(correlate(query, spectra[chunk], shape))
                 distance[q, chunk] = 1 - peak
                 rotation[q, chunk] = 2 * np.pi / shape[1] * shift
-        return Match(distance, wrap_angle(rotation))
+        told = rotations(queries, headings)
+        return Match(distance, wrap_angle(rotation) if told is None else told)
 
 
 def matrices_of(signatures: Signatures) -> Floats:

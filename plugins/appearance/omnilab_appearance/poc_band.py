@@ -12,7 +12,7 @@ from omnilab.api import Floats, Match, Signatures
 from omnilab.errors import ConfigError
 from omnilab.geometry import wrap_angle
 from omnilab_appearance.poc import in_chunks, matrices_of, unit_phase
-from omnilab_appearance.turns import best_turns
+from omnilab_appearance.turns import Headings, best_turns, headings_of, rotations
 
 Spectra = npt.NDArray[np.complexfloating[Any, Any]]
 CUT = 2.5  # standard deviations at which the band ends
@@ -37,16 +37,17 @@ class PocBand:
                 f"a band of {self.angle_band:g} x {self.offset_band:g} frequencies holds nothing; give two numbers above 0"
             )
 
-    def prepare(self, places: Signatures) -> tuple[Spectra, int]:
-        """The places' band as (frequencies along angles, frequencies along offsets, P), and the number of angles."""
+    def prepare(self, places: Signatures) -> tuple[Spectra, int, Headings | None]:
+        """The band as (frequencies along angles, frequencies along offsets, P), the number of angles, the headings."""
         band = in_chunks(self._band, matrices_of(places))
-        return np.ascontiguousarray(band.transpose(2, 1, 0)), places.place.shape[2]
+        return np.ascontiguousarray(band.transpose(2, 1, 0)), places.place.shape[2], headings_of(places)
 
-    def match(self, queries: Signatures, index: tuple[Spectra, int]) -> Match:
-        """Distances and rotations (Q, P)."""
-        places, angles = index
-        agreement, rotation = best_turns(self._band(matrices_of(queries)), places, angles)
-        return Match(1 - agreement, wrap_angle(rotation))
+    def match(self, queries: Signatures, index: tuple[Spectra, int, Headings | None]) -> Match:
+        """Distances and rotations (Q, P); signatures with a heading part are rotated as that says."""
+        places, angles, headings = index
+        agreement, shift = best_turns(self._band(matrices_of(queries)), places, angles)
+        told = rotations(queries, headings)
+        return Match(1 - agreement, wrap_angle(shift) if told is None else told)
 
     def _band(self, matrices: Floats) -> Spectra:
         """Unit-phase spectra (N, offset frequencies, angle frequencies), each times the root of its weight."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from omnilab.api import Match, Signatures
-from omnilab_appearance.poc import Poc, Spectra
+from omnilab_appearance.poc import Poc, PocIndex
 
 
 @dataclass
@@ -18,7 +18,7 @@ class PocSquared(Poc):
     (figure 4.5).
     """
 
-    def match(self, queries: Signatures, index: tuple[Spectra, tuple[int, int]]) -> Match:
+    def match(self, queries: Signatures, index: PocIndex) -> Match:
         """Distances and rotations (Q, P)."""
         match = super().match(queries, index)
         return Match(np.square(match.distance), match.rotation_rad)

@@ -5,18 +5,42 @@ from __future__ import annotations
 import os
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from omnilab.api import Floats
+from omnilab.api import Floats, Signatures
+from omnilab.geometry import wrap_angle
 
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
 
 Spectra = npt.NDArray[np.complexfloating[Any, Any]]
 HELD = 2**21  # correlation samples held at once: what the cache and the memory like
+
+
+class Headings(NamedTuple):
+    """The headings of a map, ready to be compared with."""
+
+    spectra: Spectra  # (frequencies, rows, P)
+    samples: int  # over 360 degrees
+
+
+def headings_of(places: Signatures) -> Headings | None:
+    """The `heading` parts of places, where they have one."""
+    if places.heading is None:
+        return None
+    spectra = heading_spectra(places.heading)
+    return Headings(np.ascontiguousarray(spectra.transpose(2, 1, 0)), places.heading.shape[-1])
+
+
+def rotations(queries: Signatures, places: Headings | None) -> Floats | None:
+    """Query heading - place heading (Q, P) in [-pi, pi), where both have a `heading` part: the shift that fits best."""
+    if queries.heading is None or places is None:
+        return None
+    _, rotation = best_turns(heading_spectra(queries.heading), *places)
+    return wrap_angle(rotation)
 
 
 def heading_spectra(headings: Floats) -> Spectra:

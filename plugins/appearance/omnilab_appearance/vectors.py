@@ -10,8 +10,7 @@ import numpy as np
 
 from omnilab.api import Floats, Match, Signatures
 from omnilab.errors import DataError
-from omnilab.geometry import wrap_angle
-from omnilab_appearance.turns import Spectra, best_turns, heading_spectra
+from omnilab_appearance.turns import Headings, headings_of, rotations
 
 
 class Index(NamedTuple):
@@ -19,8 +18,7 @@ class Index(NamedTuple):
 
     places: Any  # what the distance keeps of the places
     shape: tuple[int, ...]  # of one signature
-    headings: Spectra | None  # (frequencies, rows, P)
-    samples: int  # of the headings
+    headings: Headings | None
 
 
 @dataclass
@@ -32,11 +30,7 @@ class VectorDistance(ABC):
 
     def prepare(self, places: Signatures) -> Index:
         """What the distance needs of the places, and their headings' spectra."""
-        headings, samples = None, 0
-        if places.heading is not None:
-            headings = np.ascontiguousarray(heading_spectra(places.heading).transpose(2, 1, 0))
-            samples = places.heading.shape[-1]
-        return Index(self._learn(_flat(places)), places.place.shape[1:], headings, samples)
+        return Index(self._learn(_flat(places)), places.place.shape[1:], headings_of(places))
 
     def match(self, queries: Signatures, index: Index) -> Match:
         """Distances (Q, P), and rotations where there are headings."""
@@ -46,10 +40,7 @@ class VectorDistance(ABC):
                 " describe both with the same settings"
             )
         distance = np.asarray(self._distances(_flat(queries), index.places), np.float32)
-        if index.headings is None or queries.heading is None:
-            return Match(distance)
-        _, rotation = best_turns(heading_spectra(queries.heading), index.headings, index.samples)
-        return Match(distance, wrap_angle(rotation))
+        return Match(distance, rotations(queries, index.headings))
 
     def _learn(self, places: Floats) -> Any:
         """What to keep of the places (P, D); by default the places."""
