@@ -5,6 +5,7 @@ from omnilab_appearance.blur import Blur
 from omnilab_appearance.color_shift import ColorShift
 from omnilab_appearance.cosine import Cosine
 from omnilab_appearance.euclidean import Euclidean
+from omnilab_appearance.features import Features, FeaturesTurned
 from omnilab_appearance.fourier_signature import FourierSignature
 from omnilab_appearance.gist import Gist
 from omnilab_appearance.hog import Hog
@@ -23,6 +24,8 @@ from omnilab_appearance.radon_hog import RadonHog
 from omnilab_appearance.ring import Ring
 from omnilab_appearance.ring_key import RingKey
 from omnilab_appearance.root import Root
+from omnilab_appearance.sift import Sift
+from omnilab_appearance.surf import Surf
 from omnilab_appearance.tilt import Tilt
 from omnilab_appearance.tiny_image import TinyImage
 from omnilab_appearance.weighted import Cityblock, Weighted
@@ -33,6 +36,8 @@ __all__ = [
     "ColorShift",
     "Cosine",
     "Euclidean",
+    "Features",
+    "FeaturesTurned",
     "FourierSignature",
     "GaussianNoise",
     "Gist",
@@ -52,6 +57,8 @@ __all__ = [
     "Ring",
     "RingKey",
     "Root",
+    "Sift",
+    "Surf",
     "Tilt",
     "TinyImage",
     "UniformNoise",
@@ -79,6 +86,8 @@ def register_descriptors(register: Register) -> None:
     register("fourier_signature", FourierSignature)
     register("hog", Hog)
     register("gist", Gist)
+    register("sift", Sift)
+    register("surf", Surf)
     register("ring", Ring)
     register("ring_key", RingKey)
     register("tiny_image", TinyImage)
@@ -96,6 +105,8 @@ def register_distances(register: Register) -> None:
     register("cosine", Cosine)
     register("log", Log)
     register("root", Root)
+    register("features", Features)
+    register("features_turned", FeaturesTurned)
 
 
 @hookimpl
