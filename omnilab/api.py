@@ -37,6 +37,7 @@ __all__ = [
     "GridPoses",
     "Image",
     "Layout",
+    "Learner",
     "Localizer",
     "Match",
     "Mesh",
@@ -452,6 +453,14 @@ class Descriptor(Protocol):
 
     def describe(self, images: Bytes) -> Signatures:
         """Signatures of images (N, H, W) or, with `color`, (N, H, W, 3)."""
+
+
+@runtime_checkable
+class Learner(Protocol):
+    """A descriptor that must see the map before it can describe."""
+
+    def fit(self, images: Bytes) -> Descriptor:
+        """The descriptor that was learnt from the views (N, H, W[, 3]) of the map's images."""
 
 
 @runtime_checkable

@@ -52,6 +52,8 @@ def check_descriptor(descriptor: Any) -> None:
     """Shape, type, finite, deterministic, batch equals one by one, rotation as declared, defined on black, pickles."""
     _common("descriptor", descriptor)
     images = _pictures(descriptor.view, descriptor.color)
+    if isinstance(descriptor, api.Learner):
+        descriptor = descriptor.fit(images)
     first = descriptor.describe(images)
     _expect(isinstance(first, Signatures), f"describes images as {type(first).__name__}, not as Signatures")
     for part in (first.place, *([] if first.heading is None else [first.heading])):

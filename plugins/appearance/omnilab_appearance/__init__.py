@@ -24,6 +24,7 @@ from omnilab_appearance.radon_hog import RadonHog
 from omnilab_appearance.ring import Ring
 from omnilab_appearance.ring_key import RingKey
 from omnilab_appearance.root import Root
+from omnilab_appearance.rotational_pca import RotationalPca
 from omnilab_appearance.sift import Sift
 from omnilab_appearance.surf import Surf
 from omnilab_appearance.tilt import Tilt
@@ -57,6 +58,7 @@ __all__ = [
     "Ring",
     "RingKey",
     "Root",
+    "RotationalPca",
     "Sift",
     "Surf",
     "Tilt",
@@ -86,6 +88,7 @@ def register_descriptors(register: Register) -> None:
     register("fourier_signature", FourierSignature)
     register("hog", Hog)
     register("gist", Gist)
+    register("rotational_pca", RotationalPca)
     register("sift", Sift)
     register("surf", Surf)
     register("ring", Ring)

@@ -37,7 +37,7 @@ class Sift:
         """Features of mirror images (N, S, S)."""
         import cv2
 
-        detector = cv2.SIFT_create(nfeatures=self.features, contrastThreshold=self.contrast)
+        detector = cv2.SIFT_create(nfeatures=self.features, contrastThreshold=self.contrast)  # type: ignore[attr-defined]
 
         def features_of(image: Bytes) -> tuple[Floats, Floats]:
             points, vectors = detector.detectAndCompute(image, None)

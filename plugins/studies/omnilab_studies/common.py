@@ -15,6 +15,7 @@ from omnilab.api import (
     Floats,
     Frames,
     Image,
+    Learner,
     Metric,
     Parts,
     Places,
@@ -87,6 +88,18 @@ def describe(descriptor: Descriptor, frames: Frames, record: Recorder) -> Signat
             " (N, ...): omnilab.testing.check_descriptor finds such things"
         )
     return described
+
+
+def fitted(parts: Parts, plan: Plan, record: Recorder) -> Parts:
+    """The parts with a descriptor that has seen the map, where it must: one that learns is fitted on the plan's frames."""
+    learner = parts.descriptor
+    if not isinstance(learner, Learner):
+        return parts
+    frames = deliver(parts, plan, record, "fit")
+    views = np.concatenate([view_of(f.images, f.camera, learner.view, learner.color) for f in frames])
+    with record.timed("fit", len(views)):
+        descriptor = learner.fit(views)
+    return replace(parts, descriptor=descriptor)
 
 
 def describe_places(parts: Parts, plan: Plan, record: Recorder) -> tuple[Places, list[str]]:

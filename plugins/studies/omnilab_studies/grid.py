@@ -39,6 +39,7 @@ from omnilab_studies.common import (
     describe,
     describe_places,
     disturbed,
+    fitted,
     markdown_table,
     show_frame,
     statistics,
@@ -101,7 +102,9 @@ class Grid:
 
         # the map: every place of the grid, described
         plan = parts.sensor.plan(self._layout(rng))  # of the queries: what cannot be had is said before the work begins
-        places, omitted = describe_places(parts, parts.sensor.plan(self._grid()), record)
+        grid = parts.sensor.plan(self._grid())
+        parts = fitted(parts, grid, record)
+        places, omitted = describe_places(parts, grid, record)
         places_m = known_poses(places.T_world_camera, "places")[:, :3, 3]
         record.log("places", PlaceMap(places_m))
         with record.timed("prepare the map"):
