@@ -77,23 +77,25 @@ def gradient_histograms(pictures, bins):  # type: ignore[no-untyped-def]
     """Sums of gradient strength by direction over rows (N, H, bins) and over columns (N, bins, W); columns wrap."""
     count, height, width = pictures.shape
     rows = np.zeros((count, height, bins), np.float32)
-    columns = np.zeros((count, bins, width), np.float32)
+    columns = np.zeros((count, width, bins), np.float32)
+    cos = np.cos(np.pi * np.arange(1, bins) / bins)
+    sin = np.sin(np.pi * np.arange(1, bins) / bins)
     for n in nb.prange(count):
         picture = pictures[n]
         for v in range(height):
+            inner = 0 < v < height - 1
             for u in range(width):
                 left = u - 1 if u > 0 else width - 1
                 right = u + 1 if u + 1 < width else 0
                 across = float(picture[v, right]) - picture[v, left]
-                down = 0.0
-                if 0 < v < height - 1:
-                    down = float(picture[v + 1, u]) - picture[v - 1, u]
+                down = float(picture[v + 1, u]) - picture[v - 1, u] if inner else 0.0
                 strength = math.sqrt(across * across + down * down)
-                if strength > 0:
-                    share = math.atan2(down, across) / math.pi
-                    if share < 0:
-                        share += 1
-                    k = min(int(share * bins), bins - 1) if share < 1 else 0
-                    rows[n, v, k] += strength
-                    columns[n, k, u] += strength
-    return rows, columns
+                if down < 0 or (down == 0 and across < 0):  # directions count modulo half a turn
+                    across, down = -across, -down
+                k = 0
+                for edge in range(bins - 1):
+                    if cos[edge] * down - sin[edge] * across >= 0 and strength > 0:
+                        k += 1
+                rows[n, v, k] += strength
+                columns[n, u, k] += strength
+    return rows, columns.transpose(0, 2, 1)
