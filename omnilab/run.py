@@ -188,9 +188,22 @@ def manifest_of(
         "seed": run.seed,
         "config_hash": hashlib.sha256(config_yaml.encode()).hexdigest(),
         "components": named_components(run, registry),
+        "files": dict(_digests("", run)),
         "plugins_failed": [failure.sentence for failure in registry.failures],
         **origin(),
     }
+
+
+def _digests(path: str, settings: Any) -> Iterator[tuple[str, str]]:
+    """The SHA-256 of every file that a setting names."""
+    if is_dataclass(settings):
+        settings = {f.name: getattr(settings, f.name) for f in fields(settings)}
+    if isinstance(settings, Mapping):
+        for name, value in settings.items():
+            yield from _digests(f"{path}.{name}".removeprefix("."), value)
+    elif isinstance(settings, str | Path) and 0 < len(str(settings)) < 4096 and Path(settings).is_file():
+        with Path(settings).open("rb") as file:
+            yield path, hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _parts(run: Run) -> Parts:

@@ -157,7 +157,10 @@ def test_a_distribution_declares_what_it_imports_and_no_more(folder: Path) -> No
 
 
 def dependencies(folder: Path) -> set[str]:
-    return {normal(re.split(r"[ \[<>=~!;]", line)[0]) for line in project(folder)["dependencies"]}
+    """Also those of extras, but for the extra `all`, which names the plugins."""
+    extras = project(folder).get("optional-dependencies", {})
+    lines = [*project(folder)["dependencies"], *(line for name in extras if name != "all" for line in extras[name])]
+    return {normal(re.split(r"[ \[<>=~!;]", line)[0]) for line in lines}
 
 
 def normal(name: str) -> str:

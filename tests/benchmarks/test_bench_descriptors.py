@@ -62,7 +62,11 @@ def test_bench_hog(benchmark):
 @pytest.mark.benchmark(group="HOG, 16 cells of full width, 8 bins")
 def test_bench_hog_by_scikit_image(benchmark):
     found = benchmark.pedantic(
-        hog, (PANORAMAS[0], 8, (8, 512), (1, 1)), {"feature_vector": False, "block_norm": "L1"}, rounds=10, warmup_rounds=1
+        hog,
+        (PANORAMAS[0], 8, (8, 512), (1, 1)),
+        {"feature_vector": False, "block_norm": "L1"},
+        rounds=10,
+        warmup_rounds=1,
     )
     ours = Hog().describe(PANORAMAS[:1]).place[0]
     ours = ours / ours.sum(axis=1, keepdims=True)

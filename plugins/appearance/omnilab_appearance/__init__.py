@@ -14,6 +14,7 @@ from omnilab_appearance.log import Log
 from omnilab_appearance.nearest import Nearest
 from omnilab_appearance.noise import GaussianNoise, ListingNoise, UniformNoise
 from omnilab_appearance.occlusion import Occlusion
+from omnilab_appearance.onnx import Onnx
 from omnilab_appearance.pearson import Pearson
 from omnilab_appearance.poc import Poc
 from omnilab_appearance.poc_band import PocBand
@@ -48,6 +49,7 @@ __all__ = [
     "Log",
     "Nearest",
     "Occlusion",
+    "Onnx",
     "Pearson",
     "Poc",
     "PocBand",
@@ -89,6 +91,7 @@ def register_descriptors(register: Register) -> None:
     register("hog", Hog)
     register("gist", Gist)
     register("rotational_pca", RotationalPca)
+    register("onnx", Onnx)
     register("sift", Sift)
     register("surf", Surf)
     register("ring", Ring)
