@@ -524,3 +524,5 @@ class Parts:
     distance: Distance = None  # type: ignore[assignment]
     localizer: Localizer = None  # type: ignore[assignment]
     disturbances: Mapping[str, Disturbance] = field(default_factory=dict)  # of the queries, in the order they apply
+    descriptors: Mapping[str, Descriptor] = field(default_factory=dict)  # that the study compares, by name
+    distances: Mapping[str, Distance] = field(default_factory=dict)  # that it compares them with

@@ -37,7 +37,13 @@ KINDS: dict[str, type[Any]] = {
     "study": api.Study,
     "sink": api.Sink,
 }
-DICTS = {"disturbances": "disturbance", "sinks": "sink"}  # settings of a run that hold any number of a kind, by name
+DICTS = {  # settings of a run that hold any number of a kind, by name
+    "descriptors": "descriptor",
+    "distances": "distance",
+    "disturbances": "disturbance",
+    "sinks": "sink",
+}
+MANY = {"disturbance": "disturbances", "sink": "sinks"}  # kinds that have no slot beside: `disturbance=blur` goes there
 HOOKS = {kind: f"register_{kind}s" if kind != "study" else "register_studies" for kind in KINDS}
 COMMANDS_HOOK = "register_commands"
 
@@ -265,7 +271,7 @@ def _check_free_command(name: str, plugin: Plugin, registry: Registry) -> None:
 
 def _store(component: Component) -> None:
     kind, name = component.kind, component.name
-    package = next((f"{setting}.{name}" for setting, of in DICTS.items() if of == kind), kind)
+    package = f"{MANY[kind]}.{name}" if kind in MANY else kind
     ConfigStore.instance().store(
         group=kind, name=name, node=component.cls, package=package, provider=component.plugin.distribution
     )

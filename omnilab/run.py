@@ -37,6 +37,8 @@ class Run:
     distance: Any = None  # null: the descriptor's default distance
     localizer: Any = None
     study: Any = MISSING
+    descriptors: dict[str, Any] = field(default_factory=dict)  # that a study compares
+    distances: dict[str, Any] = field(default_factory=dict)  # that a study compares them with
     disturbances: dict[str, Any] = field(default_factory=dict)  # of the queries, in the order they apply
     sinks: dict[str, Any] = field(default_factory=dict)
     seed: int = 0
@@ -68,11 +70,22 @@ def build(config: DictConfig, registry: Registry) -> Run:
         raise ConfigError(f"threads={run.threads} cannot compute anything; give threads=1 or more")
     if run.seed < 0:
         raise ConfigError(f"seed={run.seed} starts no random numbers; give seed=0 or more")
-    lacking = [slot for slot in run.study.needs if getattr(run, slot) is None]
+    lacking = [slot for slot in run.study.needs if not _is_filled(getattr(run, slot))]
     if lacking:
-        options = "; ".join(f"{slot}={'|'.join(registry.names(slot))}" for slot in lacking)
+        options = "; ".join(_way_to_fill(slot, registry) for slot in lacking)
         raise ConfigError(f"the study needs a {' and a '.join(lacking)}, and none is chosen; give {options}")
     return run
+
+
+def _is_filled(value: Any) -> bool:
+    return value is not None and value != {}
+
+
+def _way_to_fill(slot: str, registry: Registry) -> str:
+    if slot not in DICTS:
+        return f"{slot}={'|'.join(registry.names(slot))}"
+    kind = DICTS[slot]
+    return f"+{kind}@{slot}.NAME={'|'.join(registry.names(kind))}"
 
 
 def _refuse_unknown(config: DictConfig) -> None:

@@ -40,7 +40,7 @@ def refused(omnilab_here):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["descriptor=radom"], ["descriptor 'radom'", "there is radon", "did you mean descriptor=radon?"]),
+        (["descriptor=radom"], ["descriptor 'radom'", "there is fourier_signature, gist", "did you mean descriptor=radon?"]),
         (["sensor=camera"], ["sensor 'camera'", "folder", "mirror"]),
         (["distance=poc_bnd"], ["'poc_bnd'", "euclidean", "did you mean distance=poc_band?"]),
         (["study="], ["study ''", "there is grid"]),
@@ -69,7 +69,7 @@ def refused(omnilab_here):
         (["threads=many"], ["threads=many", "Integer"]),
         (["seed=-1"], ["seed=-1", "0 or more"]),
         (["descriptor=null"], ["null", "~descriptor"]),
-        (["~descriptor"], ["needs a descriptor", "descriptor=radon"]),
+        (["~descriptor"], ["needs a descriptor", "descriptor=fourier_signature|gist", "|radon|"]),
         (["~localizer"], ["needs a localizer", "localizer=nearest"]),
         (["sensor.size=[1"], ["[1"]),
         (["study.step_m"], ["study.step_m"]),
