@@ -33,6 +33,10 @@ class ImageCircle:
         outward = 1 - np.asarray(level) if self.sky_inside else np.asarray(level)
         return polar_pixels(ring, azimuth_rad, ring.inner + outward * (ring.radius - ring.inner))
 
+    def flipped(self) -> ImageCircle:
+        """The circle in the same pictures flipped left to right."""
+        return replace(self, circle=replace(self.circle, cx=self.width - 1 - self.circle.cx))
+
 
 class RayCamera(ABC):
     """A calibrated camera: each pixel sees along a ray, which has a direction and a point where it starts."""
