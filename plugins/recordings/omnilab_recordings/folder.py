@@ -95,8 +95,8 @@ class Folder:
 
     def plan(self, layout: Layout) -> Plan:
         """The images that a layout takes, in the order of the positions file (without one: of their names)."""
-        rows = self._recording.rows(layout)
-        return Plan([self._recording.images[row] for row in rows], self._poses(rows))
+        rows = self.recording.rows(layout)
+        return Plan([self.recording.images[row] for row in rows], self._poses(rows))
 
     def frames(self, plan: Plan) -> Iterator[Frames]:
         """The planned images, `batch` at a time; DataError if none of them can be read."""
@@ -120,7 +120,7 @@ class Folder:
         return None
 
     def _poses(self, rows: Ints) -> Floats | None:
-        positions = self._recording.positions
+        positions = self.recording.positions
         if positions is None:
             return None
         R_robot_camera = rotation_xyz(0, 0, -math.radians(self.turned_deg))
@@ -128,7 +128,7 @@ class Folder:
 
     def _shots(self, names: Sequence[str]) -> Iterator[_Shot | str]:
         """Each image, or why it is left out."""
-        read = partial(_read, Path(self.path), self._optics)
+        read = partial(_read, Path(self.path), self.optics)
         with ThreadPoolExecutor(2) as pool:
             for index, reading in enumerate(_ahead(pool, read, names)):
                 try:
@@ -146,15 +146,16 @@ class Folder:
         return Frames(
             images=np.stack([shot.picture for shot in shots]),
             keys=[shot.key for shot in shots],
-            stamps_ns=self._recording.stamps_ns(chosen.keys),
-            camera=self._optics.camera,
+            stamps_ns=self.recording.stamps_ns(chosen.keys),
+            camera=self.optics.camera,
             plan_index=np.array([shot.index for shot in shots]),
             T_world_camera=chosen.T_world_camera,
             omitted=omitted,
         )
 
     @cached_property
-    def _recording(self) -> Recording:
+    def recording(self) -> Recording:
+        """The images and their poses."""
         aside = [self.mask] if self.mask else []
         return open_recording(Path(self.path), self.positions, self.pattern, aside, self._naming())
 
@@ -173,8 +174,9 @@ class Folder:
         return None
 
     @cached_property
-    def _optics(self) -> Optics:
-        sample = most_common_size(self._sample())
+    def optics(self) -> Optics:
+        """The camera, and what becomes of the pixels of a file."""
+        sample = most_common_size(self.sample())
         camera = self._camera(sample)
         shape = sample[0].shape
         unseen = np.zeros(shape, bool) if self.mask is None else unseen_in(Path(self.path), self.mask, shape)
@@ -196,9 +198,9 @@ class Folder:
         check_frame_of(file, camera, (height, width))
         return camera
 
-    def _sample(self) -> list[Bytes]:
+    def sample(self) -> list[Bytes]:
         """Some images from all over the recording, in grey."""
-        names = self._recording.images
+        names = self.recording.images
         sample = []
         for at in np.unique(np.linspace(0, len(names) - 1, SAMPLE).astype(int)):
             try:
