@@ -59,8 +59,8 @@ def _draw_sample(axes: Any, image: Bytes, name: str, camera: Camera, level: floa
 
     axes.imshow(image, cmap="gray", vmin=0, vmax=255)
     ring = camera.circle
-    for radius in filter(None, (ring.radius, ring.inner)):
-        axes.add_patch(Ring((ring.cx, ring.cy), radius, fill=False, color=RING, linewidth=1.5))
+    for radius, label in (ring.radius, "circle"), (ring.inner, None):
+        axes.add_patch(Ring((ring.cx, ring.cy), radius, fill=False, color=RING, linewidth=1.5, label=label))
     if level is not None:
         u, v = camera.unwrap(np.linspace(0, 2 * np.pi, 361), np.full(361, level)).T
         axes.plot(u, v, "--", color=HORIZON, linewidth=1.5, label="horizon, about")
@@ -68,7 +68,6 @@ def _draw_sample(axes: Any, image: Bytes, name: str, camera: Camera, level: floa
         _draw_ray(axes, camera, 0.0, AZIMUTH, "azimuth 0, counter-clockwise")
         if front is not None:
             _draw_ray(axes, camera, front, FRONT, f"where yaw points, {front:.0f}°")
-    axes.plot([], [], color=RING, label="circle")
     axes.legend(loc="lower right", fontsize=8)
     axes.set(title=name, xlim=(-0.5, camera.width - 0.5), ylim=(camera.height - 0.5, -0.5))
     axes.axis("off")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -23,6 +24,7 @@ from omnilab_recordings.motion import Handedness, Horizon
 from omnilab_recordings.recording import Recording
 
 MOST = 2000  # images that are read; of more, as many from all over the recording
+MOST_CELLS = 10**6  # of a grid, to look for holes in
 SHOWN = 4  # names in a sentence
 DARK, BLOWN, BLOWN_SHARE = 25.0, 250, 0.1  # grey levels, and the share of a picture that may be blown
 SURE_PX = 2.0  # that the circles found in halves of the sample may differ by
@@ -46,7 +48,7 @@ class Shot:
     error: str = ""
     size: tuple[int, int] = (0, 0)  # width, height
     digest: str = ""  # of the pixels
-    mean: float = 0.0  # grey level where the picture shows the world
+    mean: float | None = None  # grey level where the picture shows the world; None: it has another size
     blown: float = 0.0  # share of that which is at BLOWN or above
 
 
@@ -66,10 +68,8 @@ def _shot(folder: Path, shown: Bytes, name: str) -> Shot:
         pixels = decode(read_bytes(folder, name), name)
     except DataError as error:
         return Shot(name, str(error))
-    size, digest = (
-        (pixels.shape[1], pixels.shape[0]),
-        hashlib.sha256(pixels.tobytes() + bytes(pixels.shape[1])).hexdigest(),
-    )
+    size = (pixels.shape[1], pixels.shape[0])
+    digest = hashlib.sha256(repr(size).encode() + pixels.tobytes()).hexdigest()
     if pixels.shape != shown.shape:
         return Shot(name, "", size, digest)
     world = pixels[shown]
@@ -100,17 +100,14 @@ def of_files(shots: Sequence[Shot], count: int) -> Iterator[Finding]:
 
 def of_exposure(shots: Sequence[Shot]) -> Iterator[Finding]:
     """Pictures that are too dark, blown out, or lit unlike the others."""
-    good = [shot for shot in shots if shot.mean > 0 or shot.blown > 0]
-    if not good:
-        return
-    means = np.array([shot.mean for shot in good])
+    measured = {shot.name: shot.mean for shot in shots if shot.mean is not None}
+    means = np.array(list(measured.values()))
     middle = float(np.median(means))
-    dark = [shot.name for shot in good if shot.mean < DARK]
-    blown = [shot.name for shot in good if shot.blown > BLOWN_SHARE]
-    odd = [
-        shot.name for shot in good if abs(shot.mean - middle) > max(25.0, 4 * float(np.median(np.abs(means - middle))))
-    ]
-    yield Finding("exposure", "look" if dark or blown or odd else "ok", f"grey level {middle:.0f} on average"
+    usual = max(25.0, 4 * float(np.median(np.abs(means - middle))))
+    dark = [name for name, mean in measured.items() if mean < DARK]
+    blown = [shot.name for shot in shots if shot.blown > BLOWN_SHARE]
+    odd = [name for name, mean in measured.items() if abs(mean - middle) > usual]
+    yield Finding("exposure", "look" if dark or blown or odd else "ok", f"median grey level {middle:.0f}"
         + _told(dark, f"darker than {DARK:.0f}") + _told(blown, f"with over {BLOWN_SHARE:.0%} of the pixels at white")
         + _told(odd, "lit unlike the others"))  # fmt: skip
 
@@ -211,11 +208,11 @@ def of_poses(recording: Recording) -> Iterator[Finding]:
     yield Finding("poses", "ok", f"{len(positions.images)}, over {' x '.join(f'{side:.4g}' for side in extent)} m")
     if recording.grid is not None:
         cells = recording.grid.cells - recording.grid.cells.min(0)
-        there = np.zeros(cells.max(0) + 1, bool) if (cells.max(0) < 10_000).all() else None
-        if there is not None:
-            there[tuple(cells.T)] = True
-            holes = [f"column {x}, row {y}" for x, y in np.argwhere(~there)]
-            yield Finding("grid", "look" if holes else "ok", str(recording.grid) + _told(holes, "places without image"))
+        there = set(map(tuple, cells.tolist()))
+        columns, rows = (int(most) + 1 for most in cells.max(0))
+        among = itertools.product(range(columns), range(rows)) if columns * rows <= MOST_CELLS else ()
+        holes = [f"column {x}, row {y}" for x, y in among if (x, y) not in there]
+        yield Finding("grid", "look" if holes else "ok", str(recording.grid) + _told(holes, "places without image"))
     else:
         yield Finding("grid", "?", "the positions form none")
     turns = np.rad2deg(heading_of(positions.R_world_robot))
