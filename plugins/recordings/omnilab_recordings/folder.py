@@ -63,7 +63,7 @@ class Folder:
     """
 
     path: str = "???"  # of the folder
-    positions: str | None = POSITIONS_FILE  # below the folder; null: there are none
+    positions: str | None = POSITIONS_FILE  # below the folder: a CSV, or a trajectory (.txt, .tum); null: none
     pattern: str = "**/*"  # which images below the folder belong to the recording
     names: str | None = None  # poses by names instead: a regular expression with named groups, or a preset's name
     spacing_m: float | None = None  # with names: between columns and rows; null: the preset's

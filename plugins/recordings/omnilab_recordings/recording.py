@@ -17,6 +17,8 @@ from omnilab_recordings.grid import Grid, find_grid, on_grid
 from omnilab_recordings.images import SUFFIXES, image_names
 from omnilab_recordings.names import Naming, positions_of
 from omnilab_recordings.positions import Positions, read_positions
+from omnilab_recordings.trajectory import SUFFIXES as TRAJECTORIES
+from omnilab_recordings.trajectory import read_trajectory
 
 Ints = npt.NDArray[np.integer[Any]]
 Bools = npt.NDArray[np.bool_]
@@ -99,7 +101,7 @@ def open_recording(
     if names is not None:
         _check_no_file(folder, positions)
         return Recording(folder, found, positions_of(found, names))
-    known = _positions_of(folder, positions)
+    known = _positions_of(folder, positions, found)
     if known is None:
         return Recording(folder, found, None)
     beside = {str(PurePosixPath(name).parent) for name in known.images}
@@ -108,10 +110,12 @@ def open_recording(
     return Recording(folder, known.images, known)
 
 
-def _positions_of(folder: Path, positions: str | None) -> Positions | None:
+def _positions_of(folder: Path, positions: str | None, found: Sequence[str]) -> Positions | None:
     if positions is None:
         return None
     if (folder / positions).is_file():
+        if Path(positions).suffix.lower() in TRAJECTORIES:
+            return read_trajectory(folder / positions, found)
         return read_positions(folder / positions)
     if positions == POSITIONS_FILE:  # nobody asked for it
         return None

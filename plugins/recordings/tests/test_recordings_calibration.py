@@ -25,6 +25,7 @@ from omnilab.projection import (
 )
 from omnilab_recordings import Folder
 from omnilab_recordings.positions import read_positions
+from omnilab_recordings.trajectory import read_trajectory
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 AMIENS = UnifiedCamera(
@@ -213,3 +214,48 @@ def test_rotations_that_are_none(write_recording, header, row, told):
     root = write_recording([np.zeros((16, 16), np.uint8)], [f"img-0.png,0,0,{row}"], f"image,x_m,y_m,{header}")
     with pytest.raises(DataError, match=told):
         Folder(root).plan(RecordedPoses())
+
+
+# ------------------------------------------------------------------------------------------------------- trajectories
+@pytest.fixture
+def write_tum(tmp_path):
+    def write(names, lines):
+        for name in names:
+            cv2.imwrite(str(tmp_path / name), np.full((16, 16), 90, np.uint8))
+        (tmp_path / "poses.tum").write_text("\n".join(["# a comment", "", *lines]) + "\n")
+        return Folder(str(tmp_path), positions="poses.tum", circle_px=[8, 8, 7])
+
+    return write
+
+
+def test_a_trajectory_goes_with_images_in_their_order(write_tum):
+    q = quaternion_xyzw(rotation_xyz(0.3, -0.2, 2.0))
+    poses = [f"{t}.5 {t} 0.25 1e-1 {' '.join(map(repr, map(float, q)))}" for t in range(11)]
+    frames = read_all(write_tum([f"{i}.png" for i in range(11)], poses))
+    assert frames.T_world_camera[:, :3, 3].tolist() == [[t, 0.25, 0.1] for t in range(11)]
+    assert np.allclose(frames.T_world_camera[:, :3, :3], rotation_xyz(0.3, -0.2, 2.0))
+    assert frames.stamps_ns.tolist() == [t * 10**9 + 5 * 10**8 for t in range(11)]
+
+
+@given(st.lists(st.integers(0, 10**6), min_size=1, max_size=30, unique=True), st.integers(-19, 19), st.randoms())
+def test_a_trajectory_goes_with_stamps_in_names(tmp_path_factory, ticks, off_ms, shuffle):
+    file = tmp_path_factory.mktemp("tum") / "poses.txt"
+    stamps_ms = [10**6 + 100 * tick for tick in ticks]
+    lines = [f"{ms / 1000:.3f} {ms} 0 0 0 0 0 1" for ms in stamps_ms]
+    shuffle.shuffle(lines)
+    file.write_text("\n".join(lines))
+    found = read_trajectory(file, [f"{(ms + off_ms) / 1000:.6f}.png" for ms in stamps_ms])
+    assert found.position_m[:, 0].tolist() == stamps_ms
+
+
+@pytest.mark.parametrize(("names", "lines", "told"), [
+    (["a.png"], ["0 1 2 3 0 0 0"], r"line 3 of .* is '0 1 2 3 0 0 0'; write timestamp tx"),
+    (["a.png"], ["0 1 2 nan 0 0 0 1"], r"line 3 of"),
+    (["a.png"], ["0 1 2 3 0 0 0 0"], r"line 3 of"),
+    (["a.png"], [], r"has 0 poses; give at least 1"),
+    (["a.png", "b.png"], ["0 1 2 3 0 0 0 1"], r"has 1 poses for 2 images; .*by their stamps"),
+    (["1.00.png", "2.50.png"], ["1.01 1 2 3 0 0 0 1"], r"no pose within 0\.02 s of 1 of 2 images, 2\.50\.png say"),
+])  # fmt: skip
+def test_trajectories_that_do_not_fit(write_tum, names, lines, told):
+    with pytest.raises(DataError, match=told):
+        write_tum(names, lines).plan(RecordedPoses())
