@@ -48,31 +48,20 @@ def check(argv: Sequence[str]) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser("omnilab check", description=check.__doc__)
-    parser.add_argument(
-        "folder", metavar="DIR", help="images at any depth below it are looked at; nothing is written there"
-    )
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        default=Path("check.png"),
-        metavar="FILE",
-        help="the picture (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--circle", type=float, nargs="+", metavar="PX", help="centre u and v, radius, and inner radius if need be"
-    )
-    parser.add_argument("--sky-inside", action="store_true", help="the sky is at the centre")
-    parser.add_argument(
-        "--names", help=f"poses by file names: {', '.join(PRESETS)}, or a regular expression with named groups"
-    )
-    parser.add_argument("--spacing", type=float, metavar="M", help="with --names: metres between columns and rows")
-    parser.add_argument("--columns", type=int, metavar="N", help="with --names that only count: images in a row")
-    parser.add_argument("--positions", metavar="FILE", help="CSV below DIR (default: positions.csv)")
-    parser.add_argument("--pattern", default="**/*", help="which images below DIR (default: %(default)s)")
-    parser.add_argument("--camera", metavar="FILE", help="calibration: a camera's JSON or calib_results.txt")
-    parser.add_argument("--looks", help="of a calib_results.txt: down, up or ahead")
-    return parser  # fmt: skip
+    add = parser.add_argument
+    add("folder", metavar="DIR", help="images at any depth below it are looked at; nothing is written there")
+    add("-o", "--output", type=Path, default=Path("check.png"), metavar="FILE", help="the picture (%(default)s)")
+    add("--circle", type=float, nargs="+", metavar="PX", help="centre u and v, radius, and inner radius if need be")
+    add("--sky-inside", action="store_true", help="the sky is at the centre")
+    add("--names", help=f"poses by file names: {', '.join(PRESETS)}, or a regular expression with named groups")
+    add("--spacing", type=float, metavar="M", help="with --names: metres between columns and rows")
+    add("--columns", type=int, metavar="N", help="with --names that only count: images in a row")
+    add("--height-step", type=float, metavar="M", help="with --names that count levels: metres between two")
+    add("--positions", metavar="FILE", help="CSV or trajectory below DIR (positions.csv)")
+    add("--pattern", default="**/*", help="which images below DIR (%(default)s)")
+    add("--camera", metavar="FILE", help="calibration, a camera's JSON or calib_results.txt: below DIR, or a full path")
+    add("--looks", help="of a calib_results.txt: down, up or ahead")
+    return parser
 
 
 def _output(file: Path, folder: Path) -> Path:
@@ -87,7 +76,7 @@ def _sensor(options: argparse.Namespace) -> Folder:
     settings: dict[str, Any] = {"positions": options.positions} if options.positions else {}
     return Folder(
         options.folder, pattern=options.pattern, names=options.names, spacing_m=options.spacing, columns=options.columns,
-        camera=options.camera, looks=options.looks, circle_px=options.circle, sky_inside=options.sky_inside,
+        height_step_m=options.height_step, camera=options.camera, looks=options.looks, circle_px=options.circle, sky_inside=options.sky_inside,
         on_bad_image=OnBadImage.skip, **settings,
     )  # fmt: skip
 
@@ -148,14 +137,15 @@ def _print(findings: Sequence[Finding], title: str) -> None:
     from rich import box
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, show_header=False)
     for finding in findings:
-        table.add_row(f"[{COLORS[finding.mark]}]{finding.mark}[/]", finding.topic, finding.text)
+        table.add_row(Text(finding.mark, style=COLORS[finding.mark]), finding.topic, Text(finding.text))
     console = Console(highlight=False)
     if not console.is_terminal:
         console = Console(width=max(80, console.measure(table, options=console.options.update(width=10_000)).maximum))
-    console.print(title, style="bold", soft_wrap=True)
+    console.print(title, style="bold", markup=False, soft_wrap=True)
     console.print(table)
 
 

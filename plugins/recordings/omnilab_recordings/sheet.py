@@ -59,7 +59,7 @@ def _draw_sample(axes: Any, image: Bytes, name: str, camera: Camera, level: floa
 
     axes.imshow(image, cmap="gray", vmin=0, vmax=255)
     ring = camera.circle
-    for radius, label in (ring.radius, "circle"), (ring.inner, None):
+    for radius, label in ((ring.radius, "circle"), (ring.inner, None)) if ring.radius else ():
         axes.add_patch(Ring((ring.cx, ring.cy), radius, fill=False, color=RING, linewidth=1.5, label=label))
     if level is not None:
         u, v = camera.unwrap(np.linspace(0, 2 * np.pi, 361), np.full(361, level)).T

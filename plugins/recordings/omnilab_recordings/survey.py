@@ -15,12 +15,12 @@ import numpy as np
 
 from omnilab.api import Bytes, Camera
 from omnilab.errors import DataError
-from omnilab.geometry import heading_of
 from omnilab.projection import ImageCircle, RayCamera
 from omnilab_recordings.circle import find_circle
 from omnilab_recordings.folder import Folder
 from omnilab_recordings.images import decode, read_bytes
 from omnilab_recordings.motion import Handedness, Horizon
+from omnilab_recordings.positions import Positions
 from omnilab_recordings.recording import Recording
 
 MOST = 2000  # images that are read; of more, as many from all over the recording
@@ -158,10 +158,9 @@ def of_calibrated_horizon(camera: RayCamera) -> tuple[Finding, float | None]:
     text = f"the camera shows elevations from {np.rad2deg(lowest):.0f} to {np.rad2deg(highest):.0f} degrees"
     levels = np.linspace(0, 1, 1001)
     z = camera.directions(camera.unwrap(np.zeros(1001), levels))[:, 2]
-    crossed = bool(np.nanmin(z) < 0 < np.nanmax(z))
-    return Finding("horizon", "ok" if crossed else "look", text), float(
-        levels[np.nanargmin(abs(z))]
-    ) if crossed else None
+    if not np.nanmin(z) < 0 < np.nanmax(z):
+        return Finding("horizon", "look", f"{text}, which leave out the horizon"), None
+    return Finding("horizon", "ok", text), float(levels[np.nanargmin(np.abs(z))])
 
 
 def of_moving_horizon(camera: ImageCircle, found: Horizon) -> Finding:
@@ -215,15 +214,17 @@ def of_poses(recording: Recording) -> Iterator[Finding]:
         yield Finding("grid", "look" if holes else "ok", str(recording.grid) + _told(holes, "places without image"))
     else:
         yield Finding("grid", "?", "the positions form none")
-    turns = np.rad2deg(heading_of(positions.R_world_robot))
-    seen: dict[tuple[float, ...], str] = {}
-    twice = []
-    for image, *pose in zip(positions.images, *positions.position_m.round(4).T, turns.round(2), strict=True):
-        other = seen.setdefault(tuple(pose), image)
-        if other != image:
-            twice.append(f"{other} and {image}")
-    if twice:
+    if twice := _same_poses(positions):
         yield Finding("same pose", "look", f"{len(twice)} pairs of images: {first(twice)}")
+
+
+def _same_poses(positions: Positions) -> list[str]:
+    poses = np.column_stack([positions.position_m.round(4), positions.R_world_robot.reshape(-1, 9).round(4)])
+    seen: dict[bytes, str] = {}
+    others = [
+        seen.setdefault((pose + 0.0).tobytes(), image) for image, pose in zip(positions.images, poses, strict=True)
+    ]
+    return [f"{other} and {image}" for image, other in zip(positions.images, others, strict=True) if other != image]
 
 
 def of_handedness(found: Handedness) -> Finding:

@@ -188,7 +188,9 @@ def test_poses_that_cannot_be_read_do_not_hide_the_rest(run, write_recording, op
 def test_no_circle_and_a_guessed_one(run, write_recording, tmp_path):
     square = np.full((60, 80), 3, np.uint8)
     square[5:55, 30:36] = 200
-    assert "no image circle stands out" in run(write_recording([square] * 2))["circle"][1]
+    text = run(write_recording([square] * 2))["circle"][1]
+    assert "no image circle stands out" in text
+    assert "circle_px=[cx,cy,radius]" in text
     for file in tmp_path.glob("*.png"):
         file.unlink()
     filled = run(
