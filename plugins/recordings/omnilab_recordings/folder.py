@@ -20,6 +20,7 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import poses, rotation_xyz
 from omnilab.projection import ImageCircle, RayCamera
 from omnilab_recordings.calibration import check_frame_of, read_camera
+from omnilab_recordings.depth import read_depth
 from omnilab_recordings.images import decode, read_bytes
 from omnilab_recordings.names import Naming, naming
 from omnilab_recordings.optics import Optics, check_circle, circle_of, most_common_size, off_ring, unseen_in
@@ -44,6 +45,7 @@ class _Shot:
     index: int  # in the plan
     key: str
     picture: Bytes
+    depth_m: Floats | None
 
 
 @dataclass
@@ -79,6 +81,7 @@ class Folder:
     mirrored: bool = False  # azimuth runs clockwise in the files
     turned_deg: float = 0.0  # azimuth in the picture, once flipped, of the direction that yaw_deg speaks of
     color: bool = False  # RGB instead of grey
+    depth: bool = False  # also the depth of a rendered data set: depth/NAME.npy for images/NAME.png
     on_bad_image: OnBadImage = OnBadImage.fail  # or skip
     batch: int = 64  # images handed over at a time
 
@@ -128,7 +131,7 @@ class Folder:
 
     def _shots(self, names: Sequence[str]) -> Iterator[_Shot | str]:
         """Each image, or why it is left out."""
-        read = partial(_read, Path(self.path), self.optics)
+        read = partial(_read, Path(self.path), self.optics, self.depth)
         with ThreadPoolExecutor(2) as pool:
             for index, reading in enumerate(_ahead(pool, read, names)):
                 try:
@@ -151,6 +154,7 @@ class Folder:
             plan_index=np.array([shot.index for shot in shots]),
             T_world_camera=chosen.T_world_camera,
             omitted=omitted,
+            depth_m=np.stack([shot.depth_m for shot in shots if shot.depth_m is not None]) if self.depth else None,
         )
 
     @cached_property
@@ -212,10 +216,12 @@ class Folder:
         return sample
 
 
-def _read(folder: Path, optics: Optics, name: str) -> tuple[str, Bytes]:
-    """Key and picture of an image file."""
+def _read(folder: Path, optics: Optics, depth: bool, name: str) -> tuple[str, Bytes, Floats | None]:
+    """Key and picture of an image file, and its depth if that is wanted."""
     data = read_bytes(folder, name)
-    return optics.key(name, data), optics.picture(decode(data, name, optics.color), name)
+    picture = optics.picture(decode(data, name, optics.color), name)
+    depth_m = read_depth(folder, name, picture.shape[:2]) if depth else None
+    return optics.key(name, data), picture, depth_m[:, ::-1] if optics.mirrored and depth_m is not None else depth_m
 
 
 def _ahead(pool: ThreadPoolExecutor, call: Callable[[str], R], items: Iterable[str]) -> Iterator[Future[R]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -24,6 +25,7 @@ from omnilab.projection import (
     save_camera,
 )
 from omnilab_recordings import Folder
+from omnilab_recordings.folder import OnBadImage
 from omnilab_recordings.positions import read_positions
 from omnilab_recordings.trajectory import read_trajectory
 
@@ -195,6 +197,42 @@ def test_a_rendered_data_set_comes_back_bit_for_bit(tmp_path):
     assert np.array_equal(frames.T_world_camera[:, :3, 3], position_m)
     assert frames.camera == SMALL
     assert frames.stamps_ns.tolist() == [0, 7, 14, 21]
+
+
+@pytest.fixture
+def with_depth(tmp_path):
+    """Two images below images/, and their depths (2, 16, 20)."""
+    depths = np.random.default_rng(1).uniform(0, 9, (2, 16, 20)).astype(np.float32)
+    depths[0, 3, 4] = np.inf
+    for name in "images", "depth":
+        (tmp_path / name).mkdir()
+    for i, depth in enumerate(depths):
+        cv2.imwrite(str(tmp_path / f"images/{i}.png"), np.full((16, 20), 90, np.uint8))
+        np.save(tmp_path / f"depth/{i}.npy", depth)
+    return Folder(str(tmp_path), circle_px=[9, 8, 7], depth=True), depths
+
+
+def test_depth_comes_along(with_depth):
+    sensor, depths = with_depth
+    assert np.array_equal(read_all(sensor).depth_m, depths)
+    assert np.array_equal(read_all(replace(sensor, mirrored=True)).depth_m, depths[:, :, ::-1])
+    assert read_all(replace(sensor, depth=False)).depth_m is None
+
+
+@pytest.mark.parametrize(("damage", "told"), [
+    (lambda file: file.unlink(), r"^depth/1\.npy cannot be read"),
+    (lambda file: file.write_bytes(b"text"), r"depth/1\.npy is no depth of images/1\.png"),
+    (lambda file: file.write_bytes(file.read_bytes()[:-8]), r"depth/1\.npy is no depth"),
+    (lambda file: np.save(file, np.zeros((16, 21), np.float32)), r"float32 \(16, 20\) \(it holds float32 \(16, 21\)\)"),
+    (lambda file: np.save(file, np.zeros((16, 20))), r"it holds float64"),
+    (lambda file: np.save(file, np.array([{"an": "object"}]), allow_pickle=True), r"it holds object"),
+])  # fmt: skip
+def test_depth_that_is_none(with_depth, damage, told):
+    sensor, _ = with_depth
+    damage(Path(sensor.path) / "depth/1.npy")
+    with pytest.raises(DataError, match=told):
+        read_all(sensor)
+    assert len(read_all(replace(sensor, on_bad_image=OnBadImage.skip))) == 1
 
 
 def test_turned_deg_turns_about_the_camera_s_own_axis(write_recording):
