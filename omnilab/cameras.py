@@ -7,8 +7,8 @@ Conventions (azimuth, image axes, frames) are those of `omnilab.api`; a model wh
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -32,6 +32,10 @@ class ImageCircle:
         ring = self.circle
         outward = 1 - np.asarray(level) if self.sky_inside else np.asarray(level)
         return polar_pixels(ring, azimuth_rad, ring.inner + outward * (ring.radius - ring.inner))
+
+    def flipped(self) -> ImageCircle:
+        """The circle in the same pictures flipped left to right."""
+        return replace(self, circle=replace(self.circle, cx=self.width - 1 - self.circle.cx))
 
 
 class RayCamera(ABC):
@@ -66,6 +70,15 @@ class RayCamera(ABC):
     @abstractmethod
     def project(self, points_m: Floats) -> Floats:
         """Pixels (..., 2) that show points (..., 3) in the camera frame; NaN for those that the camera does not show."""
+
+    def flipped(self) -> RayCamera:
+        """The camera of the same pictures flipped left to right.
+
+        Where this one looks to (x, y, z), that one looks to (-x, y, z); a camera that looks ahead, to (x, -y, z).
+        """
+        raise ConfigError(
+            f"a {type(self).__name__} has no model of flipped pictures; calibrate it on pictures as they are"
+        )
 
     def unwrap(self, azimuth_rad: Floats, level: Floats) -> Floats:
         """Pixels (..., 2) of a panorama's points; levels are spaced evenly in elevation, at most 60 degrees steep."""
@@ -140,6 +153,10 @@ class PanoramaCamera(CentralCamera):
         u = np.mod(columns + 0.5, self.width) - 0.5
         uv = np.stack([u, share * self.height - 0.5], -1)
         return np.where(((share >= -1e-9) & (share <= 1 + 1e-9))[..., None], uv, np.nan)
+
+    def flipped(self) -> Self:
+        degrees_per_column = float(np.rad2deg(self._radians_per_column))
+        return replace(self, start_deg=180.0 - self.start_deg + degrees_per_column)
 
     @property
     def _radians_per_column(self) -> float:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 
@@ -71,6 +72,10 @@ class MirrorCamera(CentralCamera):
         radius = self._radius(elevation)
         shown = np.where(radius <= self.circle.radius + 1e-9, radius, np.nan)
         return polar_pixels(self.circle, azimuth, shown)
+
+    def flipped(self) -> Self:
+        """Itself: the mirror is in the middle of the image."""
+        return self
 
     @abstractmethod
     def _directions(self, x: Floats, y: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""A folder of omnidirectional images with a CSV of positions, as a sensor."""
+"""A folder of omnidirectional images, with or without poses, as a sensor."""
 
 from __future__ import annotations
 
@@ -17,8 +17,12 @@ import numpy.typing as npt
 
 from omnilab.api import Bytes, Floats, Frames, Layout, Mesh, Plan
 from omnilab.errors import ConfigError, DataError
-from omnilab.geometry import planar_poses
+from omnilab.geometry import poses, rotation_xyz
+from omnilab.projection import ImageCircle, RayCamera
+from omnilab_recordings.calibration import check_frame_of, read_camera
+from omnilab_recordings.depth import read_depth
 from omnilab_recordings.images import decode, read_bytes
+from omnilab_recordings.names import Naming, naming
 from omnilab_recordings.optics import Optics, check_circle, circle_of, most_common_size, off_ring, unseen_in
 from omnilab_recordings.recording import POSITIONS_FILE, Recording, open_recording
 
@@ -41,24 +45,35 @@ class _Shot:
     index: int  # in the plan
     key: str
     picture: Bytes
+    depth_m: Floats | None
 
 
 @dataclass
 class Folder:
-    """A folder of omnidirectional images and a CSV that says where each was taken (format: README of the plugin).
+    """A folder of omnidirectional images; a CSV or their names say where each was taken (formats: README of the plugin).
 
     Grids take the recorded columns and rows (`every`, `step_m`), and `RecordedPoses(without=...)` the other images;
     there are no other poses. Without positions there is only `RecordedPoses()`.
 
     `mirrored` pictures are flipped left to right first of all. Then `turned_deg` is the azimuth in the picture of the
     direction that `yaw_deg` speaks of (the robot's front, say). Nothing is resampled: image right looks to
-    `yaw_deg - turned_deg`, and that is the heading of the pose. Keys are `file@digest` of the content and of the
-    settings that change the pixels.
+    `yaw_deg - turned_deg`, and that is the heading of the pose.
+
+    `camera` (below the folder, or any path) is calibrated on the files as they are: where pictures are flipped, so is
+    the camera. Without one the pictures have but a circle, and panoramas are spaced evenly in radius. Keys are
+    `file@digest` of the content and of the settings that change the pixels.
     """
 
     path: str = "???"  # of the folder
-    positions: str | None = POSITIONS_FILE  # below the folder; null: there are none
+    positions: str | None = POSITIONS_FILE  # below the folder: a CSV, or a trajectory (.txt, .tum); null: none
     pattern: str = "**/*"  # which images below the folder belong to the recording
+    names: str | None = None  # poses by names instead: a regular expression with named groups, or a preset's name
+    spacing_m: float | None = None  # with names: between columns and rows; null: the preset's
+    columns: int | None = None  # with names that only count: images in a row; null: the preset's
+    lowest_m: float | None = None  # with names that count levels: height of the lowest; null: the preset's, or 0
+    height_step_m: float | None = None  # with names that count levels: between two; null: the preset's
+    camera: str | None = None  # its calibration: a camera's JSON or calib_results.txt; null: camera.json, if there
+    looks: str | None = None  # of a calib_results.txt: down (a mirror above the camera, or a lens; null), up or ahead
     circle_px: list[float] | None = None  # cx, cy, radius and, if need be, inner radius in the files; null: found
     sky_inside: bool = False  # the horizon is crossed inwards: the sky is at the centre
     blank_outside: bool = False  # set what lies off the circle's ring to 0
@@ -66,6 +81,7 @@ class Folder:
     mirrored: bool = False  # azimuth runs clockwise in the files
     turned_deg: float = 0.0  # azimuth in the picture, once flipped, of the direction that yaw_deg speaks of
     color: bool = False  # RGB instead of grey
+    depth: bool = False  # also the depth of a rendered data set: depth/NAME.npy for images/NAME.png
     on_bad_image: OnBadImage = OnBadImage.fail  # or skip
     batch: int = 64  # images handed over at a time
 
@@ -78,11 +94,12 @@ class Folder:
             raise ConfigError(f"pattern={self.pattern!r} does not stay below the folder; give one such as **/*.png")
         if self.circle_px is not None:
             check_circle(self.circle_px)
+        self._naming()
 
     def plan(self, layout: Layout) -> Plan:
         """The images that a layout takes, in the order of the positions file (without one: of their names)."""
-        rows = self._recording.rows(layout)
-        return Plan([self._recording.images[row] for row in rows], self._poses(rows))
+        rows = self.recording.rows(layout)
+        return Plan([self.recording.images[row] for row in rows], self._poses(rows))
 
     def frames(self, plan: Plan) -> Iterator[Frames]:
         """The planned images, `batch` at a time; DataError if none of them can be read."""
@@ -106,14 +123,15 @@ class Folder:
         return None
 
     def _poses(self, rows: Ints) -> Floats | None:
-        positions = self._recording.positions
+        positions = self.recording.positions
         if positions is None:
             return None
-        return planar_poses(positions.position_m[rows], positions.heading_rad[rows] - math.radians(self.turned_deg))
+        R_robot_camera = rotation_xyz(0, 0, -math.radians(self.turned_deg))
+        return poses(positions.position_m[rows], positions.R_world_robot[rows] @ R_robot_camera)
 
     def _shots(self, names: Sequence[str]) -> Iterator[_Shot | str]:
         """Each image, or why it is left out."""
-        read = partial(_read, Path(self.path), self._optics)
+        read = partial(_read, Path(self.path), self.optics, self.depth)
         with ThreadPoolExecutor(2) as pool:
             for index, reading in enumerate(_ahead(pool, read, names)):
                 try:
@@ -131,30 +149,62 @@ class Folder:
         return Frames(
             images=np.stack([shot.picture for shot in shots]),
             keys=[shot.key for shot in shots],
-            stamps_ns=self._recording.stamps_ns(chosen.keys),
-            camera=self._optics.camera(self.sky_inside),
+            stamps_ns=self.recording.stamps_ns(chosen.keys),
+            camera=self.optics.camera,
             plan_index=np.array([shot.index for shot in shots]),
             T_world_camera=chosen.T_world_camera,
             omitted=omitted,
+            depth_m=np.stack([shot.depth_m for shot in shots if shot.depth_m is not None]) if self.depth else None,
         )
 
     @cached_property
-    def _recording(self) -> Recording:
-        return open_recording(Path(self.path), self.positions, self.pattern, [self.mask] if self.mask else [])
+    def recording(self) -> Recording:
+        """The images and their poses."""
+        aside = [self.mask] if self.mask else []
+        return open_recording(Path(self.path), self.positions, self.pattern, aside, self._naming())
+
+    def _naming(self) -> Naming | None:
+        given = {
+            "spacing_m": self.spacing_m,
+            "columns": self.columns,
+            "lowest_m": self.lowest_m,
+            "height_step_m": self.height_step_m,
+        }
+        if self.names is not None:
+            return naming(self.names, **given)
+        for setting, value in given.items():
+            if value is not None:
+                raise ConfigError(f"{setting}={value} is of no use without names; give sensor.names, or leave it out")
+        return None
 
     @cached_property
-    def _optics(self) -> Optics:
-        sample = most_common_size(self._sample())
-        circle = circle_of(self.circle_px, sample)
+    def optics(self) -> Optics:
+        """The camera, and what becomes of the pixels of a file."""
+        sample = most_common_size(self.sample())
+        camera = self._camera(sample)
         shape = sample[0].shape
         unseen = np.zeros(shape, bool) if self.mask is None else unseen_in(Path(self.path), self.mask, shape)
         if self.blank_outside:
-            unseen |= off_ring(circle, shape)
-        return Optics(circle, unseen, self.mirrored, self.color)
+            unseen |= off_ring(camera.circle, shape)
+        return Optics(camera.flipped() if self.mirrored else camera, unseen, self.mirrored, self.color)
 
-    def _sample(self) -> list[Bytes]:
+    def _camera(self, sample: Sequence[Bytes]) -> RayCamera | ImageCircle:
+        """Where the files look: as calibrated or, without a calibration, the circle."""
+        height, width = sample[0].shape
+        if (calibrated := read_camera(Path(self.path), self.camera, self.looks)) is None:
+            return ImageCircle(width, height, circle_of(self.circle_px, sample), self.sky_inside)
+        file, camera = calibrated
+        if self.circle_px is not None or self.sky_inside:
+            raise ConfigError(
+                f"circle_px or sky_inside is given, but the camera in {file} knows its circle and its horizon;"
+                " leave them out (a rim is rim_px in the file), or put the file elsewhere"
+            )
+        check_frame_of(file, camera, (height, width))
+        return camera
+
+    def sample(self) -> list[Bytes]:
         """Some images from all over the recording, in grey."""
-        names = self._recording.images
+        names = self.recording.images
         sample = []
         for at in np.unique(np.linspace(0, len(names) - 1, SAMPLE).astype(int)):
             try:
@@ -166,10 +216,12 @@ class Folder:
         return sample
 
 
-def _read(folder: Path, optics: Optics, name: str) -> tuple[str, Bytes]:
-    """Key and picture of an image file."""
+def _read(folder: Path, optics: Optics, depth: bool, name: str) -> tuple[str, Bytes, Floats | None]:
+    """Key and picture of an image file, and its depth if that is wanted."""
     data = read_bytes(folder, name)
-    return optics.key(name, data), optics.picture(decode(data, name, optics.color), name)
+    picture = optics.picture(decode(data, name, optics.color), name)
+    depth_m = read_depth(folder, name, picture.shape[:2]) if depth else None
+    return optics.key(name, data), picture, depth_m[:, ::-1] if optics.mirrored and depth_m is not None else depth_m
 
 
 def _ahead(pool: ThreadPoolExecutor, call: Callable[[str], R], items: Iterable[str]) -> Iterator[Future[R]]:

@@ -12,9 +12,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from omnilab.api import Bytes, Circle
+from omnilab.api import Bytes, Camera, Circle
 from omnilab.errors import ConfigError, DataError
-from omnilab.projection import ImageCircle
 from omnilab_recordings.circle import find_circle
 from omnilab_recordings.images import decode, read_bytes
 
@@ -25,7 +24,7 @@ Bools = npt.NDArray[np.bool_]
 class Optics:
     """How the pixels of a file become the picture that is handed over."""
 
-    circle: Circle  # in the file
+    camera: Camera  # where the picture looks
     unseen: Bools  # (H, W) in the file: set to 0
     mirrored: bool
     color: bool
@@ -42,13 +41,6 @@ class Optics:
         digest = hashlib.sha256(settings + np.packbits(self.unseen).tobytes())
         digest.update(data)
         return f"{name}@{digest.hexdigest()[:16]}"
-
-    def camera(self, sky_inside: bool) -> ImageCircle:
-        """Where the picture looks."""
-        height, width = self.unseen.shape
-        ring = self.circle
-        cx = width - 1 - ring.cx if self.mirrored else ring.cx
-        return ImageCircle(width, height, Circle(cx, ring.cy, ring.radius, ring.inner), sky_inside)
 
 
 def check_size(pixels: Bytes, shape: tuple[int, ...], name: str) -> None:
@@ -94,6 +86,8 @@ def check_circle(circle_px: Sequence[float]) -> None:
 
 def off_ring(circle: Circle, shape: tuple[int, ...]) -> Bools:
     """Pixels (H, W) off the ring by more than one, so that interpolation on its edge meets no blank."""
+    if circle.radius == 0:
+        raise ConfigError("blank_outside=true, but this camera has no image circle; give blank_outside=false")
     v, u = np.indices(shape[:2])
     distance = np.hypot(u - circle.cx, v - circle.cy)
     return np.asarray((distance > circle.radius + 1) | (distance < circle.inner - 1))

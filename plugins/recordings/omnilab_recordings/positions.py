@@ -13,12 +13,20 @@ import numpy.typing as npt
 
 from omnilab.api import Floats
 from omnilab.errors import DataError
+from omnilab.geometry import rotation_of_quaternion, rotation_xyz
 
 Ints = npt.NDArray[np.integer[Any]]
 N = TypeVar("N", int, float)
 
 LARGEST_FILE = 256 * 2**20  # bytes
 MOST_ROWS = 2_000_000
+TOLERANCE = 1e-3  # of R times its transpose to the unit matrix: what four written digits leave
+ROTATIONS: dict[tuple[str, ...], Callable[[Floats], Floats]] = {  # by the columns that tell them, the most exact first
+    tuple(f"r{i}{j}" for i in range(3) for j in range(3)): lambda r: r.reshape(-1, 3, 3),
+    ("qx", "qy", "qz", "qw"): rotation_of_quaternion,
+    ("rx_deg", "ry_deg", "rz_deg"): lambda angles: rotation_xyz(*np.deg2rad(angles).T),
+    ("yaw_deg",): lambda yaw: rotation_xyz(0, 0, np.deg2rad(yaw[:, 0])),
+}
 
 
 @dataclass(frozen=True)
@@ -27,15 +35,16 @@ class Positions:
 
     images: list[str]  # (N,) paths below the folder
     position_m: Floats  # (N, 3) world
-    heading_rad: Floats  # (N,) from the world's +x to the camera's +x, counter-clockwise
+    R_world_robot: Floats  # (N, 3, 3) as the file says; of a robot on a plane, the heading alone
     cells: Ints | None  # (N, 2) column and row in a grid
     stamps_ns: Ints | None  # (N,)
 
 
 def read_positions(file: Path) -> Positions:
-    """Read columns image, x_m, y_m and, where there, z_m, yaw_deg, ix, iy, stamp_ns; others are ignored.
+    """Read columns image, x_m, y_m and, where there, z_m, ix, iy, stamp_ns and a rotation; others are ignored.
 
-    DataError names the line of a value that is missing, not finite or not a number.
+    The rotation is told by the first of these that there are: r00 ... r22 (the matrix, row by row, robot to world),
+    qx, qy, qz, qw, rx_deg, ry_deg, rz_deg (Rx Ry Rz; Berenguer, thesis, eq. 3.11), yaw_deg. DataError names the line of a value that is missing, not finite or not a number.
     """
     table = _Table(file)
     if not table.rows:
@@ -43,10 +52,24 @@ def read_positions(file: Path) -> Positions:
     return Positions(
         images=table.names("image"),
         position_m=np.stack([table.floats("x_m"), table.floats("y_m"), table.floats("z_m", optional=True)], -1),
-        heading_rad=np.deg2rad(table.floats("yaw_deg", optional=True)),
+        R_world_robot=_rotations(table),
         cells=np.stack([table.ints("ix"), table.ints("iy")], -1) if table.has("ix") or table.has("iy") else None,
         stamps_ns=table.ints("stamp_ns") if table.has("stamp_ns") else None,
     )
+
+
+def _rotations(table: _Table) -> Floats:
+    for columns, rotations in ROTATIONS.items():
+        if any(map(table.has, columns)):
+            values = np.stack([table.floats(column) for column in columns], -1)
+            with np.errstate(invalid="ignore"):  # a quaternion of zeros
+                R = rotations(values)
+                good = (np.abs(R @ R.swapaxes(-1, -2) - np.eye(3)) < TOLERANCE).all((-1, -2)) & (np.linalg.det(R) > 0)
+            if not good.all():
+                line = table.lines[int(np.argmin(good))]
+                raise table.error(line, f"has no rotation in {', '.join(columns)}", "write a proper rotation")
+            return R
+    return np.tile(np.eye(3), (len(table.rows), 1, 1))
 
 
 class _Table:

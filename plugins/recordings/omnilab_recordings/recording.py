@@ -12,10 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from omnilab.api import GridPoses, Layout, PathPoses, RecordedPoses
-from omnilab.errors import DataError
+from omnilab.errors import ConfigError, DataError
 from omnilab_recordings.grid import Grid, find_grid, on_grid
 from omnilab_recordings.images import SUFFIXES, image_names
+from omnilab_recordings.names import Naming, positions_of
 from omnilab_recordings.positions import Positions, read_positions
+from omnilab_recordings.trajectory import SUFFIXES as TRAJECTORIES
+from omnilab_recordings.trajectory import read_trajectory
 
 Ints = npt.NDArray[np.integer[Any]]
 Bools = npt.NDArray[np.bool_]
@@ -69,7 +72,7 @@ class Recording:
     @property
     def _remedy(self) -> str:
         if self.positions is None:
-            return f"ask for all that was recorded, or write a {POSITIONS_FILE}"
+            return f"ask for all that was recorded, give sensor.names, or write a {POSITIONS_FILE}"
         if self.grid is None:
             return "ask for all that was recorded, or add the columns ix and iy (the place in the grid)"
         return "ask for a grid of its rows and columns, or for what was recorded beside it, e.g. study.queries=rest"
@@ -81,8 +84,10 @@ class Recording:
         return f"the folder {self.folder} holds {len(self.images)} images {where}"
 
 
-def open_recording(folder: Path, positions: str | None, pattern: str, not_images: Iterable[str] = ()) -> Recording:
-    """List the images of a folder and read its positions file.
+def open_recording(
+    folder: Path, positions: str | None, pattern: str, not_images: Iterable[str] = (), names: Naming | None = None
+) -> Recording:
+    """List the images of a folder and read its positions file, or their names.
 
     DataError unless the positions file names the images that lie beside those it names, and no others.
     """
@@ -93,7 +98,10 @@ def open_recording(folder: Path, positions: str | None, pattern: str, not_images
     if not found:
         endings = " ".join(sorted(SUFFIXES))
         raise DataError(f"the folder {folder} holds no image that matches {pattern} ({endings}); give sensor.path=DIR")
-    known = _positions_of(folder, positions)
+    if names is not None:
+        _check_no_file(folder, positions)
+        return Recording(folder, found, positions_of(found, names))
+    known = _positions_of(folder, positions, found)
     if known is None:
         return Recording(folder, found, None)
     beside = {str(PurePosixPath(name).parent) for name in known.images}
@@ -102,14 +110,24 @@ def open_recording(folder: Path, positions: str | None, pattern: str, not_images
     return Recording(folder, known.images, known)
 
 
-def _positions_of(folder: Path, positions: str | None) -> Positions | None:
+def _positions_of(folder: Path, positions: str | None, found: Sequence[str]) -> Positions | None:
     if positions is None:
         return None
     if (folder / positions).is_file():
+        if Path(positions).suffix.lower() in TRAJECTORIES:
+            return read_trajectory(folder / positions, found)
         return read_positions(folder / positions)
     if positions == POSITIONS_FILE:  # nobody asked for it
         return None
     raise DataError(f"the positions file {folder / positions} does not exist; give sensor.positions=FILE or null")
+
+
+def _check_no_file(folder: Path, positions: str | None) -> None:
+    if positions is not None and (positions != POSITIONS_FILE or (folder / positions).is_file()):
+        raise ConfigError(
+            f"poses are told by {folder / positions} and by sensor.names;"
+            " give sensor.positions=null to take the names, or leave sensor.names out"
+        )
 
 
 def _check_same(file: Path, named: Sequence[str], found: Sequence[str]) -> None:

@@ -13,7 +13,7 @@ from omnilab_recordings.positions import Positions
 def positions(xy_m, cells=None):
     n = len(xy_m)
     xyz = np.column_stack([xy_m, np.zeros(n)])
-    return Positions([f"{i}.png" for i in range(n)], xyz, np.zeros(n), cells, None)
+    return Positions([f"{i}.png" for i in range(n)], xyz, np.tile(np.eye(3), (n, 1, 1)), cells, None)
 
 
 @settings(deadline=None)

@@ -1,0 +1,155 @@
+"""`omnilab check DIR`: what a folder of images is, before a study finds out."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from omnilab.api import Bytes, RecordedPoses
+from omnilab.errors import ConfigError, DataError
+from omnilab.projection import ImageCircle, RayCamera, panorama
+from omnilab_recordings import survey
+from omnilab_recordings.calibration import read_camera
+from omnilab_recordings.folder import Folder, OnBadImage
+from omnilab_recordings.motion import Handedness, Horizon, drift_between, handedness, moves_rad, neighbours
+from omnilab_recordings.motion import horizon as horizon_of
+from omnilab_recordings.names import PRESETS
+from omnilab_recordings.optics import most_common_size
+from omnilab_recordings.sheet import write_sheet
+from omnilab_recordings.survey import Finding
+
+FLOW_SHAPE = (64, 512)  # of the panoramas in which drifts are measured
+COLORS = {"ok": "green", "look": "yellow", "?": "cyan"}
+
+
+def check(argv: Sequence[str]) -> int:
+    """Look at a folder of images and say what a study would meet: sizes, circle, horizon, exposure, poses, handedness."""
+    options = _parser().parse_args(argv)
+    output = _output(options.output, Path(options.folder))
+    sensor, problem = _with_poses(_sensor(options))
+    sensor, circle = _with_circle(sensor)
+    shots = survey.look_at(Path(sensor.path), sensor.recording.images, sensor.optics.camera)
+    turned, moving = _moves(sensor)
+    horizon, level = _horizon(sensor, moving)
+    findings = [*survey.of_files(shots, len(sensor.recording.images)), circle, horizon, *survey.of_exposure(shots)]
+    findings += [problem] if problem else survey.of_poses(sensor.recording)
+    if sensor.recording.positions is not None:
+        findings.append(survey.of_handedness(turned))
+    _print(findings, str(options.folder))
+    write_sheet(output, replace(sensor, mirrored=bool(turned.is_mirrored)), level, turned)
+    _say(f"picture: {output}")
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser("omnilab check", description=check.__doc__)
+    add = parser.add_argument
+    add("folder", metavar="DIR", help="images at any depth below it are looked at; nothing is written there")
+    add("-o", "--output", type=Path, default=Path("check.png"), metavar="FILE", help="the picture (%(default)s)")
+    add("--circle", type=float, nargs="+", metavar="PX", help="centre u and v, radius, and inner radius if need be")
+    add("--sky-inside", action="store_true", help="the sky is at the centre")
+    add("--names", help=f"poses by file names: {', '.join(PRESETS)}, or a regular expression with named groups")
+    add("--spacing", type=float, metavar="M", help="with --names: metres between columns and rows")
+    add("--columns", type=int, metavar="N", help="with --names that only count: images in a row")
+    add("--height-step", type=float, metavar="M", help="with --names that count levels: metres between two")
+    add("--positions", metavar="FILE", help="CSV or trajectory below DIR (positions.csv)")
+    add("--pattern", default="**/*", help="which images below DIR (%(default)s)")
+    add("--camera", metavar="FILE", help="calibration, a camera's JSON or calib_results.txt: below DIR, or a full path")
+    add("--looks", help="of a calib_results.txt: down, up or ahead")
+    return parser
+
+
+def _output(file: Path, folder: Path) -> Path:
+    if file.resolve().is_relative_to(folder.resolve()):
+        raise ConfigError(f"the picture {file} would lie among the images of {folder}; give -o FILE, elsewhere")
+    if file.suffix.lower() not in {".png", ".jpg", ".pdf", ".svg"} or not file.absolute().parent.is_dir():
+        raise ConfigError(f"the picture cannot be written to {file}; give -o FILE.png in a folder that exists")
+    return file
+
+
+def _sensor(options: argparse.Namespace) -> Folder:
+    settings: dict[str, Any] = {"positions": options.positions} if options.positions else {}
+    return Folder(
+        options.folder, pattern=options.pattern, names=options.names, spacing_m=options.spacing, columns=options.columns,
+        height_step_m=options.height_step, camera=options.camera, looks=options.looks, circle_px=options.circle, sky_inside=options.sky_inside,
+        on_bad_image=OnBadImage.skip, **settings,
+    )  # fmt: skip
+
+
+def _with_poses(sensor: Folder) -> tuple[Folder, Finding | None]:
+    """The sensor; without poses, and what is wrong with them, if they cannot be read."""
+    without = replace(
+        sensor, positions=None, names=None, spacing_m=None, columns=None, lowest_m=None, height_step_m=None
+    )
+    without.recording.rows(RecordedPoses())
+    try:
+        sensor.recording.rows(RecordedPoses())
+    except DataError as error:
+        return without, Finding("poses", "look", str(error))
+    return sensor, None
+
+
+def _with_circle(sensor: Folder) -> tuple[Folder, Finding]:
+    """The sensor, with the circle inscribed in the frame if none can be found, and what is to be said of it."""
+    sample = most_common_size(sensor.sample())
+    try:
+        return sensor, survey.of_circle(sensor, sensor.optics.camera, sample)
+    except DataError as error:
+        if read_camera(Path(sensor.path), sensor.camera, sensor.looks) is not None:
+            raise
+        height, width = sample[0].shape
+        inscribed = [(width - 1) / 2, (height - 1) / 2, min(width, height) / 2]
+        return replace(sensor, circle_px=inscribed), Finding("circle", "look", f"{error}; shown is the inscribed one")
+
+
+def _moves(sensor: Folder) -> tuple[Handedness, Horizon | None]:
+    """What the pictures of neighbours show of the robot's moves between them."""
+    positions = sensor.recording.positions
+    pairs = np.zeros((0, 2), np.int64) if positions is None else neighbours(positions)
+    rows, seen = np.unique(pairs), dict[int, Bytes]()
+    for frames in sensor.frames(sensor.plan(RecordedPoses()).at(rows)):
+        seen.update(zip(rows[frames.plan_index], panorama(frames.images, frames.camera, FLOW_SHAPE), strict=True))
+    pairs = pairs[np.isin(pairs, list(seen)).all(axis=1)]
+    if positions is None or len(pairs) == 0:
+        return handedness(np.zeros(0), np.zeros(0)), None
+    drifts, parting = zip(*(drift_between(seen[a], seen[b]) for a, b in pairs), strict=True)
+    return handedness(np.array(drifts), moves_rad(positions, pairs)), horizon_of(np.stack(parting))
+
+
+def _horizon(sensor: Folder, moving: Horizon | None) -> tuple[Finding, float | None]:
+    """By the calibration, by the moves, or by brightness: the horizon, and its level in the panorama where known."""
+    camera = sensor.optics.camera
+    if isinstance(camera, RayCamera):
+        return survey.of_calibrated_horizon(camera)
+    assert isinstance(camera, ImageCircle)
+    if moving is not None:
+        return survey.of_moving_horizon(camera, moving), moving.level
+    panoramas = panorama(np.stack(most_common_size(sensor.sample())), camera, FLOW_SHAPE)
+    return survey.of_bright_side(camera, panoramas), None
+
+
+def _print(findings: Sequence[Finding], title: str) -> None:
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, show_header=False)
+    for finding in findings:
+        table.add_row(Text(finding.mark, style=COLORS[finding.mark]), finding.topic, Text(finding.text))
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(width=max(80, console.measure(table, options=console.options.update(width=10_000)).maximum))
+    console.print(title, style="bold", markup=False, soft_wrap=True)
+    console.print(table)
+
+
+def _say(line: str) -> None:
+    from rich.console import Console
+
+    Console(highlight=False, soft_wrap=True).print(line, markup=False)
