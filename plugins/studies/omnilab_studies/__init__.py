@@ -2,10 +2,12 @@
 
 from omnilab.hooks import Register, hookimpl
 from omnilab_studies.grid import Grid
+from omnilab_studies.render import Render
 
-__all__ = ["Grid"]
+__all__ = ["Grid", "Render"]
 
 
 @hookimpl
 def register_studies(register: Register) -> None:
     register("grid", Grid)
+    register("render", Render)

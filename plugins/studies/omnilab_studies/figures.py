@@ -8,15 +8,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from omnilab.api import Bytes, Floats
+from omnilab.api import Bytes, Floats, Ints
 from omnilab.metrics import VERDICTS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 COLORS = {"nearest": "#2a9d5c", "second": "#e9a320", "wrong": "#d1403f"}
 DPI = 130
+SHEET = 6  # images on the sheet of a data set
 
 
 def _figure(width: float, height: float) -> Figure:
@@ -96,3 +97,31 @@ def worst(
     axes[1, 0].set_ylabel("answer")
     figure.suptitle("Largest errors")
     return figure
+
+
+def sheet(images: Sequence[Bytes], numbers: Ints, poses: Floats | None, shown: Floats | None) -> Figure:
+    """Some images of a data set, beside the plan of all its poses (N, 4, 4), coloured by height."""
+    figure = _figure(13.0, 5.6)
+    sides = figure.subfigures(1, 2, width_ratios=(1, 1.35), squeeze=False)[0]
+    if poses is not None and shown is not None:
+        _plan(sides[0], poses, shown, numbers)
+    grid = sides[1].subplots(2, SHEET // 2, squeeze=False).ravel()
+    for axes in grid:
+        axes.set_axis_off()
+    for axes, image, n in zip(grid, images, numbers, strict=False):
+        axes.imshow(image, cmap="gray", vmin=0, vmax=255)
+        axes.set_title(f"{n}", fontsize=9)
+    return figure
+
+
+def _plan(figure: SubFigure, poses: Floats, shown: Floats, numbers: Ints) -> None:
+    axes = figure.subplots()
+    x, y, z = poses[:, :3, 3].T
+    dots = axes.scatter(x, y, c=z, s=6, cmap="viridis")
+    if np.ptp(z) > 0:
+        figure.colorbar(dots, ax=axes, label="height [m]", shrink=0.7)
+    for pose, n in zip(shown, numbers, strict=True):
+        axes.annotate(f"{n}", pose[:2, 3], fontsize=8, color=COLORS["wrong"], xytext=(3, 3), textcoords="offset points")
+        axes.quiver(*pose[:2, 3], *pose[:2, 0], color=COLORS["wrong"], width=0.006, scale=14)
+    axes.margins(0.1)
+    _as_floor_plan(axes, f"{len(poses)} poses; arrows: the camera's +x")
