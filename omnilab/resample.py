@@ -90,11 +90,12 @@ def _mean(image: Bytes, maps: tuple[tuple[Floats, Floats], ...]) -> Bytes:
     """The mean of the samples that the image (H, W[, 3]) shows; 0 where there is none."""
     import cv2
 
-    shape = maps[0][0].shape
-    total = np.zeros(shape + image.shape[2:], np.float32)
-    count = np.zeros(shape + (1,) * (image.ndim - 2), np.float32)
+    total = np.zeros((*maps[0][0].shape, *image.shape[2:]), np.float32)
+    count = np.zeros(maps[0][0].shape, np.float32)
     for u, v in maps:
-        seen = (v != NOWHERE).reshape(count.shape)
-        total += np.where(seen, cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), 0)
+        seen = (v != NOWHERE).astype(np.uint8)
+        sampled = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        cv2.accumulate(sampled, total, seen)
         count += seen
-    return np.asarray(np.rint(total / np.maximum(count, 1)), np.uint8)
+    count = np.maximum(count, 1)
+    return np.asarray(np.rint(total / (count if image.ndim == 2 else count[..., None])), np.uint8)

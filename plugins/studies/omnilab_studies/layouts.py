@@ -26,7 +26,7 @@ IMAGES = ViewLayout(
     columns=(
         (Panel("map", "Where images are taken", ("room", "places", "camera")),),
         (Panel("image", "Image", ("image",)), Panel("image", "Panorama", ("panorama",))),
-        (Panel("text", "Result", ("summary",)), Panel("log", "Left out", ("log",))),
+        (Panel("text", "Result", ("summary",)), Panel("log", "Log", ("log",))),
     ),
     widths=(3, 2, 2),
 )

@@ -213,6 +213,24 @@ def test_frames_that_are_not_delivered_are_told_and_leave_a_gap(tmp_path):
         assert about(tmp_path / "set")["not_delivered"] == ["key, 1: torn"]
 
 
+@pytest.mark.parametrize(
+    ("sensor", "settings"),
+    [
+        (Ball(), {}),
+        (Ball(color=True), {"layout": Where.column}),
+        (Ball(), {"layout": Where.random, "count": 1}),
+        (Ball(placed=False), {"layout": Where.recorded}),
+    ],
+)
+def test_the_sheet_shows_images_beside_their_poses(tmp_path, sensor, settings):
+    figure = run(tmp_path / "set", sensor, **settings).figures["images"]
+    figure.savefig(tmp_path / "sheet.png", dpi=30)
+    shown = [axes.get_images() for axes in figure.axes if axes.get_images()]
+    count = len(list((tmp_path / "set/images").iterdir()))
+    assert len(shown) == min(count, 6)
+    assert len(figure.axes) == 6 + sensor.placed
+
+
 def test_the_study_keeps_the_contract(tmp_path):
     check_study(Render(str(tmp_path / "set"), show=1), Parts(sensor=Ball()))
 
