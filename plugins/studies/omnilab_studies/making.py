@@ -11,13 +11,14 @@ from collections.abc import Generator, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from omnilab.api import Camera, Disturbance, Ints, Plan, Sensor
 from omnilab.errors import DataError
 from omnilab_studies.common import disturbed
-from omnilab_studies.dataset import DataSet
+from omnilab_studies.dataset import DataSet, describe_camera
 
 PART = 64  # frames that are made at a time
 _JOBS: list[Job] = []  # of a worker process: its one job
@@ -49,6 +50,41 @@ class Made:
 
     def __len__(self) -> int:
         return self.count
+
+
+@dataclass
+class Found:
+    """What the parts of a data set told on the way."""
+
+    recorded: bool  # the sensor knows when its images were taken
+    stamps_ns: Ints  # (N,) of the plan; those of a recording are filled in
+    camera: Camera | None = None
+    has_depth: bool = False
+    omitted: list[str] = field(default_factory=list)
+    parts: list[Ints] = field(default_factory=list)
+
+    def add(self, part: Made) -> None:
+        self.parts.append(part.numbers)
+        self.omitted += part.omitted
+        self.camera = self.camera or part.camera
+        self.has_depth |= part.has_depth
+        if self.recorded and part.stamps_ns is not None:
+            self.stamps_ns[part.numbers] = part.stamps_ns
+
+    @property
+    def numbers(self) -> Ints:
+        """(n,) the frames that are on disk."""
+        return np.concatenate(self.parts)
+
+    def known_camera(self, plan: Plan) -> Camera:
+        """The camera; DataError if the sensor delivered nothing."""
+        if self.camera is None:
+            raise DataError(f"the sensor delivered none of {len(plan)} images; ask for other poses")
+        return self.camera
+
+    def about(self, camera: Camera) -> dict[str, Any]:
+        left_out = {"images": len(self.numbers), "not_delivered": self.omitted}
+        return {**left_out, "camera": describe_camera(camera), "depth": self.has_depth}
 
 
 def made(job: Job, plan: Plan, processes: int) -> Generator[Made]:

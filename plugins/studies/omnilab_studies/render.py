@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Any, ClassVar
@@ -37,9 +37,9 @@ from omnilab.projection import RayCamera, panorama
 from omnilab_studies import figures
 from omnilab_studies.cloud import cloud_of, write_ply
 from omnilab_studies.common import markdown_table
-from omnilab_studies.dataset import DataSet, contents_of, describe_camera
+from omnilab_studies.dataset import DataSet, contents_of
 from omnilab_studies.layouts import IMAGES
-from omnilab_studies.making import Job, Made, made
+from omnilab_studies.making import Found, Job, Made, made
 from omnilab_studies.trajectories import column, read_trajectory
 
 FRAME_NS = 100_000_000  # between images that were not recorded
@@ -144,7 +144,7 @@ class Render:
         if plan.T_world_camera is not None:
             record.log("places", PlaceMap(plan.T_world_camera[:, :3, 3], heading_of(plan.T_world_camera)))
 
-        found = _Found(self.layout is Where.recorded, stamps_ns)
+        found = Found(self.layout is Where.recorded, stamps_ns)
         job = Job(data, parts.sensor, parts.disturbances, seed, self.cloud_points > 0, found.recorded)
         with closing(made(job, plan, self.processes)) as coming:
             for part in record.track(coming, "images", len(plan)):
@@ -189,7 +189,7 @@ class Render:
         xy = plan.T_world_camera[:, :2, 3]
         return np.asarray(np.rint((xy - xy.min(0)) / (self.step_m or STEP_M)), int)
 
-    def _show(self, record: Recorder, data: DataSet, plan: Plan, part: Made, found: _Found) -> None:
+    def _show(self, record: Recorder, data: DataSet, plan: Plan, part: Made, found: Found) -> None:
         """Some frames into the logs: picture, panorama, pose."""
         if self.show == 0:
             return
@@ -213,41 +213,6 @@ class Render:
         return len(points)
 
 
-@dataclass
-class _Found:
-    """What the parts of a data set told on the way."""
-
-    recorded: bool  # the sensor knows when its images were taken
-    stamps_ns: Ints  # (N,) of the plan; those of a recording are filled in
-    camera: Camera | None = None
-    has_depth: bool = False
-    omitted: list[str] = field(default_factory=list)
-    parts: list[Ints] = field(default_factory=list)
-
-    def add(self, part: Made) -> None:
-        self.parts.append(part.numbers)
-        self.omitted += part.omitted
-        self.camera = self.camera or part.camera
-        self.has_depth |= part.has_depth
-        if self.recorded and part.stamps_ns is not None:
-            self.stamps_ns[part.numbers] = part.stamps_ns
-
-    @property
-    def numbers(self) -> Ints:
-        """(n,) the frames that are on disk."""
-        return np.concatenate(self.parts)
-
-    def known_camera(self, plan: Plan) -> Camera:
-        """The camera; DataError if the sensor delivered nothing."""
-        if self.camera is None:
-            raise DataError(f"the sensor delivered none of {len(plan)} images; ask for other poses")
-        return self.camera
-
-    def about(self, camera: Camera) -> dict[str, Any]:
-        left_out = {"images": len(self.numbers), "not_delivered": self.omitted}
-        return {**left_out, "camera": describe_camera(camera), "depth": self.has_depth}
-
-
 def _stamps(told: Ints | None, count: int) -> Ints:
     """When frames are taken (N,): as told for each of them, or else ten a second."""
     return FRAME_NS * np.arange(count) if told is None or len(told) != count else told
@@ -263,7 +228,7 @@ def _is_range(values: list[float]) -> bool:
     return len(values) == 3 and all(map(math.isfinite, values)) and values[0] <= values[1] and values[2] > 0
 
 
-def _metrics(data: DataSet, found: _Found, plan: Plan) -> list[Metric]:
+def _metrics(data: DataSet, found: Found, plan: Plan) -> list[Metric]:
     numbers = found.numbers
     return [
         Metric("images", len(numbers), "1"),
