@@ -23,6 +23,7 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.lenses import FisheyeCamera, PinholeCamera, UnifiedCamera
 from omnilab.mirrors import EIZOH_WIDE_70, THESIS_HALF, THESIS_WHOLE, HyperbolicMirror, ParabolicMirror
 from omnilab.ocam import OCamCamera
+from omnilab.resample import birds_eye, reproject
 
 __all__ = [
     "EIZOH_WIDE_70",
@@ -40,12 +41,14 @@ __all__ = [
     "PinholeCamera",
     "RayCamera",
     "UnifiedCamera",
+    "birds_eye",
     "encode",
     "load_camera",
     "mirror_view",
     "panorama",
     "point_cloud",
     "polar_pixels",
+    "reproject",
     "save_camera",
     "to_color",
     "to_gray",

@@ -15,6 +15,7 @@ RECIPES = sorted(path.stem for path in (Path(__file__).parents[1] / "conf/experi
 def test_a_recipe_is_whole(name, tmp_path):
     registry = discover("")
     overrides = [f"experiment={name}", *([f"sensor.path={tmp_path}"] if name.startswith("recorded") else [])]
+    overrides += [f"study.folder={tmp_path}"] if name == "render" else []
     with initialize_config_module("omnilab.conf", version_base="1.3"):
         run = build(compose("config", overrides), registry)
     assert all(component["name"] for component in named_components(run, registry).values())

@@ -2,12 +2,14 @@
 
 from omnilab.hooks import Register, hookimpl
 from omnilab_studies.grid import Grid
+from omnilab_studies.render import Render
 from omnilab_studies.views import Views
 
-__all__ = ["Grid", "Views"]
+__all__ = ["Grid", "Render", "Views"]
 
 
 @hookimpl
 def register_studies(register: Register) -> None:
     register("grid", Grid)
     register("views", Views)
+    register("render", Render)

@@ -33,3 +33,12 @@ PLACES = ViewLayout(
     ),
     widths=(3, 2, 2),
 )
+
+IMAGES = ViewLayout(
+    columns=(
+        (Panel("map", "Where images are taken", ("room", "places", "camera")),),
+        (Panel("image", "Image", ("image",)), Panel("image", "Panorama", ("panorama",))),
+        (Panel("text", "Result", ("summary",)), Panel("log", "Log", ("log",))),
+    ),
+    widths=(3, 2, 2),
+)
