@@ -31,7 +31,7 @@ def test_a_rendered_grid_reads_back_bit_for_bit(omnilab_here, tmp_path):
 
     result = omnilab_here(*GRID)
     assert result.rc == 0, result.stderr
-    mirror, folder = Mirror(world=str(WORLD), size=64, samples=1), Folder(str(tmp_path / "set"), circle_px=[32, 32, 32])
+    mirror, folder = Mirror(world=str(WORLD), size=64, samples=1), Folder(str(tmp_path / "set"))
     wanted, found = mirror.plan(GridPoses(0.25)), folder.plan(RecordedPoses())
     assert len(found) == len(wanted) > 64
     assert np.array_equal(found.T_world_camera, wanted.T_world_camera)
@@ -55,13 +55,15 @@ def test_a_path_with_6_degrees_of_freedom_is_imaged_as_it_is_told(omnilab_here, 
     (tmp_path / "path.csv").write_text("x_m,y_m,z_m,rx_deg,ry_deg,rz_deg\n0,0,1,10,-20,30\n0.5,0.5,1.2,0,0,90\n")
     result = omnilab_here(*SMALL, "study.layout=path", "study.path=path.csv")
     assert result.rc == 0, result.stderr
-    folder = Folder(str(tmp_path / "set"), circle_px=[32, 32, 32])
+    folder = Folder(str(tmp_path / "set"))
     plan = folder.plan(RecordedPoses())
     assert np.isclose(heading_of(plan.T_world_camera)[1], np.pi / 2)
     T = poses([[0, 0, 1], [0.5, 0.5, 1.2]], rotation_xyz(*np.deg2rad([[10, 0], [-20, 0], [30, 90]])))
     mirror = Mirror(world=str(WORLD), size=64, samples=1)
     (direct,), (read,) = mirror.frames(mirror.plan(PathPoses(T))), folder.frames(plan)
     assert np.array_equal(direct.images, read.images)
+    assert np.array_equal(direct.T_world_camera, read.T_world_camera)
+    assert read.camera == direct.camera
 
 
 def test_disturbances_spoil_the_images_the_same_whatever_the_processes(omnilab, omnilab_here, tmp_path):

@@ -47,14 +47,14 @@ class Views:
     depth of its pixels (`sensor.depth=true`) also gives the point cloud that an RGB-D camera would.
     """
 
-    poses: list[list[float]] = field(default_factory=lambda: [list(pose) for pose in FIGURE_3_10])  # see above
+    poses: list[Any] = field(default_factory=lambda: [list(pose) for pose in FIGURE_3_10])  # see above
     panoramas: bool = True  # also unwrap the pictures
     cloud_points: int = 50_000  # at most so many points of each view go into the logs and the figure
 
     needs: ClassVar[tuple[str, ...]] = ("sensor",)
 
     def __post_init__(self) -> None:
-        wrong = [pose for pose in self.poses if len(pose) != 6]
+        wrong = [pose for pose in self.poses if not _is_pose(pose)]
         if wrong or not self.poses:
             raise ConfigError(
                 f"study.poses={wrong or self.poses} are no poses; give a list of [x, y, z, rx, ry, rz], metres and degrees"
@@ -98,6 +98,13 @@ class Views:
             kept = np.sort(rng.permutation(seen)[: self.cloud_points])
             clouds.append(PointCloud(points.reshape(-1, 3)[kept], image.reshape(-1, 3)[kept]))
         return clouds
+
+
+def _is_pose(pose: Any) -> bool:
+    """Whether a value is six finite numbers: whole ones are no floats to OmegaConf, so the field cannot say it."""
+    return (
+        isinstance(pose, list) and len(pose) == 6 and all(isinstance(v, int | float) and np.isfinite(v) for v in pose)
+    )
 
 
 def _log(record: Recorder, frames: Frames, unwrapped: list[Bytes], clouds: list[PointCloud]) -> None:

@@ -97,6 +97,9 @@ def test_it_keeps_the_contract():
     [
         ({"poses": []}, r"give a list of \[x, y, z, rx, ry, rz\]"),
         ({"poses": [[1, 2, 3]]}, r"\[\[1, 2, 3\]\] are no poses"),
+        ({"poses": [[1, 2, 3, 4, 5, "x"]]}, "'x'"),
+        ({"poses": [[1, 2, 3, 4, 5, float("nan")]]}, "nan"),
+        ({"poses": [7]}, "7"),
         ({"cloud_points": 0}, "cloud_points=0 shows nothing"),
     ],
 )
