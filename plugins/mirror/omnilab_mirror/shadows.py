@@ -7,6 +7,7 @@ beam between the two, and whose plane does not have both on the same side.
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numba
@@ -47,7 +48,9 @@ def lamplight(faces: list[Face], lamps: Array, first: Array, spacing_m: float, s
     face_of = np.repeat(np.arange(len(faces)), rows)
     jobs = np.stack([face_of, np.arange(len(face_of)) - np.repeat(np.cumsum(rows) - rows, rows)], 1)
     out = np.zeros(start[-1])
-    light_up(jobs, shape, start, u, v, _blockers(corner, u, v, ~glows & shadows), lamps, first, out)
+    steps = np.stack([u / shape[:, 1:], v / shape[:, :1]], 1)
+    blockers = _blockers(corner, u, v, ~glows & shadows)
+    light_up(jobs, shape, start, steps, blockers, lamps, first, _spheres(lamps, first), out)
     return [out[a:b].reshape(size) for a, b, size in zip(start, start[1:], shape, strict=False)]
 
 
@@ -61,19 +64,15 @@ def _blockers(corner: Array, u: Array, v: Array, blocks: Array) -> Blockers:
     return Blockers(corner, unit, planes, corner + (u + v) / 2, np.where(blocks, radius, -1.0))
 
 
+def _spheres(lamps: Array, first: Array) -> Array:
+    """Middle and radius (L, 4) of the points of each lamp."""
+    points = [lamps[a:b, :3] for a, b in pairwise(first)]
+    spheres = [(*p.mean(axis=0), _length(p - p.mean(axis=0)).max()) for p in points]
+    return np.array(spheres).reshape(-1, 4)
+
+
 def _length(vectors: Array) -> Array:
     return np.asarray(np.linalg.norm(vectors, axis=1))
-
-
-@compiled
-def sphere(points: Array) -> tuple[Array, float]:
-    """Middle and radius of a lamp's points (n, 5)."""
-    middle, radius = np.zeros(3), 0.0
-    for point in points:
-        middle += point[:3] / len(points)
-    for point in points:
-        radius = max(radius, math.sqrt(dot(point[:3] - middle, point[:3] - middle)))
-    return middle, radius
 
 
 @compiled
@@ -88,11 +87,14 @@ def beam_distance2(x: float, y: float, z: float, beam: Array) -> float:
 @compiled
 def between(corners: Array, lamp: Array, thick: float, own: int, faces: Blockers, chosen: Array) -> int:
     """How many faces may stand between a block with `corners` (4, 3) and a lamp of radius `thick`; they go to `chosen`."""
-    middle = (corners[0] + corners[3]) / 2
-    beam, wide = lamp - middle, thick
-    for c in corners:
-        wide = max(wide, math.sqrt(dot(c - middle, c - middle)))
-    count = 0
+    middle, beam, wide2 = np.empty(3), np.empty(3), thick * thick
+    for axis in range(3):
+        middle[axis] = (corners[0, axis] + corners[3, axis]) / 2
+        beam[axis] = lamp[axis] - middle[axis]
+    for k in range(4):
+        x, y, z = corners[k, 0] - middle[0], corners[k, 1] - middle[1], corners[k, 2] - middle[2]
+        wide2 = max(wide2, x * x + y * y + z * z)
+    wide, count = math.sqrt(wide2), 0
     for f in range(len(faces.radius)):
         m = faces.middle[f]
         near2 = (faces.radius[f] + wide) ** 2
@@ -133,7 +135,7 @@ def blocked(x: float, y: float, z: float, dx: float, dy: float, dz: float, f: in
 def received(point: Array, normal: Array, lamps: Array, planes: Array, chosen: Array, count: int) -> float:
     """What a point on a face receives from the points of one lamp (Lambert's cosine law)."""
     total, last = 0.0, 0
-    lift = LIFT_M * normal
+    lx, ly, lz = LIFT_M * normal[0], LIFT_M * normal[1], LIFT_M * normal[2]
     for i in range(len(lamps)):
         dx, dy, dz = lamps[i, 0] - point[0], lamps[i, 1] - point[1], lamps[i, 2] - point[2]
         cosine = dx * normal[0] + dy * normal[1] + dz * normal[2]
@@ -142,8 +144,8 @@ def received(point: Array, normal: Array, lamps: Array, planes: Array, chosen: A
         for k in range(count):  # first the one that was in the way of the neighbour
             f = chosen[(last + k) % count]
             if blocked(
-                point[0] + lift[0], point[1] + lift[1], point[2] + lift[2],
-                dx - lift[0], dy - lift[1], dz - lift[2], f, planes,
+                point[0] + lx, point[1] + ly, point[2] + lz,
+                dx - lx, dy - ly, dz - lz, f, planes,
             ):  # fmt: skip
                 last = (last + k) % count
                 break
@@ -155,35 +157,46 @@ def received(point: Array, normal: Array, lamps: Array, planes: Array, chosen: A
 
 @compiled
 def light_row(
-    f: int, y0: int, shape: Array, u: Array, v: Array, faces: Blockers, lamps: Array, first: Array, out: Array
+    f: int, y0: int, shape: Array, steps: Array, faces: Blockers, lamps: Array, first: Array, spheres: Array, out: Array
 ) -> None:
     """Add to the lattice `out` (rows, columns) of face f what the lamps give, in the row of blocks that starts at y0."""
     rows, columns = shape[f]
-    corner, normal, du, dv = faces.corner[f], faces.normal[f], u[f] / columns, v[f] / rows
+    corner, normal, du, dv = faces.corner[f], faces.normal[f], steps[f, 0], steps[f, 1]
     y1 = min(y0 + BLOCK, rows)
-    chosen, corners = np.empty(len(faces.radius), np.int64), np.empty((4, 3))
+    chosen, corners, point = np.empty(len(faces.radius), np.int64), np.empty((4, 3)), np.empty(3)
     for x0 in range(0, columns, BLOCK):
         x1 = min(x0 + BLOCK, columns)
         for k in range(4):
-            corners[k] = corner + LIFT_M * normal + (x1 if k % 2 else x0) * du + (y1 if k > 1 else y0) * dv
-        for i in range(len(first) - 1):
-            points = lamps[first[i] : first[i + 1]]
-            middle, thick = sphere(points)
-            if dot(normal, middle - corner) <= -thick:
+            x, y = x1 if k % 2 else x0, y1 if k > 1 else y0
+            for axis in range(3):
+                corners[k, axis] = corner[axis] + LIFT_M * normal[axis] + x * du[axis] + y * dv[axis]
+        for i in range(len(spheres)):
+            middle, thick = spheres[i], spheres[i, 3]
+            if dot(normal, middle) - faces.planes[f, 0, 3] <= -thick:
                 continue
             count = between(corners, middle, thick, f, faces, chosen)
+            points = lamps[first[i] : first[i + 1]]
             for y in range(y0, y1):
                 for x in range(x0, x1):
-                    point = corner + (x + 0.5) * du + (y + 0.5) * dv
+                    for axis in range(3):
+                        point[axis] = corner[axis] + (x + 0.5) * du[axis] + (y + 0.5) * dv[axis]
                     out[y, x] += received(point, normal, points, faces.planes, chosen, count)
 
 
 @compiled_parallel
 def light_up(
-    jobs: Array, shape: Array, start: Array, u: Array, v: Array, faces: Blockers, lamps: Array, first: Array, out: Array
+    jobs: Array,
+    shape: Array,
+    start: Array,
+    steps: Array,
+    faces: Blockers,
+    lamps: Array,
+    first: Array,
+    spheres: Array,
+    out: Array,
 ) -> None:
     """The same for the lattices of all faces, which lie in `out` one after the other. A job: face, row of blocks."""
     for job in numba.prange(len(jobs)):
-        f, row = jobs[job]
+        f, row = jobs[job, 0], jobs[job, 1]
         lattice = out[start[f] : start[f + 1]].reshape((shape[f, 0], shape[f, 1]))
-        light_row(f, row * BLOCK, shape, u, v, faces, lamps, first, lattice)
+        light_row(f, row * BLOCK, shape, steps, faces, lamps, first, spheres, lattice)
