@@ -90,6 +90,34 @@ class Paint:
     glows: bool = False
 
 
+@dataclass
+class Sheet:
+    """A paint on a wall of `size_m`, of which faces show parts: painted once, so that the pattern runs through."""
+
+    paint: Paint
+    size_m: tuple[float, float]
+    _whole: Floats | None = None
+
+    def part(self, x_m: float, y_m: float) -> Paint:
+        """What a face shows whose lower left corner lies there on the wall."""
+
+        def paint(canvas: Canvas) -> Floats:
+            (h, w), (width, height) = canvas.shape, canvas.size_m
+            whole = self._painted((h / height, w / width), canvas.rng)
+            x, y = canvas.xy
+            rows = (y + y_m) * (whole.shape[0] / self.size_m[1])
+            columns = (x + x_m) * (whole.shape[1] / self.size_m[0])
+            return np.asarray(whole[rows.astype(int), columns.astype(int)])
+
+        return Paint(paint, self.paint.glows)
+
+    def _painted(self, density: tuple[float, float], rng: np.random.Generator) -> Floats:
+        if self._whole is None:
+            shape = (max(2, round(self.size_m[1] * density[0])), max(2, round(self.size_m[0] * density[1])))
+            self._whole = np.asarray(self.paint.painter(Canvas(self.size_m, shape, rng)), np.float32)
+        return self._whole
+
+
 def framed(picture: Floats, canvas: Canvas, border_m: float, color: Any) -> Floats:
     """The picture (H, W, 3) with a border in one colour."""
     x, y = canvas.xy

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy.typing as npt
 
 from omnilab.api import Floats
 from omnilab_mirror.canvas import Paint
+from omnilab_mirror.reader import Section
 
 Bools = npt.NDArray[np.bool_]
 
@@ -23,6 +25,8 @@ class Face:
     v: Floats
     paint: Paint
     overhead: bool = False  # left out where one looks in from above
+    name: str = ""  # of its object
+    seed: tuple[int, int] = (0, 0)  # number of its object in the file, and its own in the object
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,21 @@ class Solid:
         local, low, high = self.place.local(points), self.low - clearance_m, self.high + clearance_m
         over = np.all((local[:, :2] > low[:2]) & (local[:, :2] < high[:2]), axis=1)
         return np.asarray(over & (local[:, 2] > low[2]))
+
+
+@dataclass(frozen=True)
+class Area:
+    """Where viewpoints may be: a box between `low` and `high` (3,), with walls around it or open at its sides."""
+
+    name: str
+    low: Floats
+    high: Floats
+    walled: bool
+
+    def holds(self, points: Floats, clearance_m: float) -> Bools:
+        """Which of the points (N, 3) lie inside, and no nearer to floor, ceiling and walls than the clearance."""
+        margin = np.array([clearance_m * self.walled, clearance_m * self.walled, clearance_m])
+        return np.asarray(np.all((points >= self.low + margin) & (points <= self.high - margin), axis=1))
 
 
 @dataclass(frozen=True)
@@ -76,7 +95,8 @@ class Model:
     paints: dict[str, Paint]
     faces: list[Face] = field(default_factory=list)
     solids: list[Solid] = field(default_factory=list)
-    room: Floats | None = None  # (2, 3): lowest and highest corner
+    areas: list[Area] = field(default_factory=list)
+    room: Floats | None = None  # (2, 3): lowest and highest corner of the one that panels hang in
 
     def box(
         self, place: Place, low: Any, high: Any, paint: Paint, front: Paint | None = None, top: Paint | None = None
@@ -93,6 +113,31 @@ class Model:
             place.face((x0, y1, z0), (dx, 0, 0), (0, -dy, 0), paint),
         ]
 
+    def zonohedron(self, place: Place, generators: Any, paint: Paint, ends: Paint | None = None) -> None:
+        """The sum of segments (n, 3) around the origin of `place`, as parallelograms (Fedorov): a prism, a crown.
+
+        `ends`: what covers the level faces. The faces in one plane tile it as the lower hull of its lifted segments does.
+        """
+        g = np.asarray(generators, float)
+        lifted = g + np.outer(np.arange(len(g)) ** 2, [0, 0, 1e-7 * np.abs(g).max()])
+        for i, j in combinations(range(len(g)), 2):
+            others = [k for k in range(len(g)) if k not in {i, j}]
+            outer = np.sign(lifted[others] @ np.cross(lifted[i], lifted[j])) @ g[others] / 2
+            level = np.hypot(*np.cross(g[i], g[j])[:2]) < 1e-9
+            for corner, u, v in ((outer, g[i], g[j]), (-outer, g[j], g[i])):
+                self.faces.append(place.face(corner - (u + v) / 2, u, v, (ends or paint) if level else paint))
+
     def solid(self, name: str, place: Place, low: Any, high: Any) -> None:
         """Keep viewpoints out of a box."""
         self.solids.append(Solid(name, place, np.asarray(low, float), np.asarray(high, float)))
+
+
+def place_of(s: Section) -> Place:
+    """Where an object stands: `at` (x, y), `z` of its bottom, `turn_deg`."""
+    x, y = s.numbers("at", 2)
+    return Place(np.array([x, y, s.number("z", 0.0)]), np.deg2rad(s.number("turn_deg", 0.0)))
+
+
+def name_of(s: Section) -> str:
+    """What an object is called: its `name`, or else its `kind`."""
+    return s.word("name", s.value("kind"))

@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
-from omnilab_mirror.faces import Face, Model, Place
+from omnilab_mirror.architecture import area, building, cylinder, door, tree, wall
+from omnilab_mirror.faces import Area, Face, Model, Place, name_of, place_of
 from omnilab_mirror.reader import Section
 from omnilab_mirror.textures import paint_of
 
@@ -24,6 +26,7 @@ def room(s: Section, model: Model) -> None:
     size = np.array(s.size("size", 3))
     x, y, z = size * [0.5, 0.5, 1]
     model.room = np.array([[-x, -y, 0], [x, y, z]])
+    model.areas.append(Area(name_of(s), model.room[0], model.room[1], walled=True))
     level = Place(np.zeros(3), 0.0)
     model.faces.append(level.face((-x, -y, 0), (2 * x, 0, 0), (0, 2 * y, 0), paint_of(s, "floor", model.paints)))
     ceiling = level.face((-x, y, z), (2 * x, 0, 0), (0, -2 * y, 0), paint_of(s, "ceiling", model.paints))
@@ -50,43 +53,43 @@ def panel(s: Section, model: Model) -> None:
 
 def rug(s: Section, model: Model) -> None:
     """A flat thing on the floor, or at height `z`: `at` (x, y), `size` (x, y)."""
-    place, (x, y) = _place(s), s.size("size", 2)
+    place, (x, y) = place_of(s), s.size("size", 2)
     paint = paint_of(s, "texture", model.paints)
     model.faces.append(place.face((-x / 2, -y / 2, 0.004), (x, 0, 0), (0, y, 0), paint))
 
 
 def box(s: Section, model: Model) -> None:
     """A box, shelf or cupboard: `at` (x, y), `z` of its bottom, `size`; its `front` looks to -y before it is turned."""
-    place, size = _place(s), np.array(s.size("size", 3))
+    place, size = place_of(s), np.array(s.size("size", 3))
     low, high = size * [-0.5, -0.5, 0], size * [0.5, 0.5, 1]
     paint = paint_of(s, "texture", model.paints)
     front, top = (paint_of(s, key, model.paints) if key in s else None for key in ("front", "top"))
     model.box(place, low, high, paint, front, top)
-    model.solid(s.word("name", "box"), place, low, high)
+    model.solid(name_of(s), place, low, high)
 
 
 def table(s: Section, model: Model) -> None:
     """A board on four legs."""
-    place, (x, y, z) = _place(s), s.size("size", 3)
+    place, (x, y, z) = place_of(s), s.size("size", 3)
     paint, leg = paint_of(s, "texture", model.paints), s.number("leg_m", 0.06, 0.001, 1)
     model.box(place, (-x / 2, -y / 2, z - 0.04), (x / 2, y / 2, z), paint)
     _legs(model, place, (x, y, z - 0.04), leg, s)
-    model.solid(s.word("name", "table"), place, (-x / 2, -y / 2, 0), (x / 2, y / 2, z))
+    model.solid(name_of(s), place, (-x / 2, -y / 2, 0), (x / 2, y / 2, z))
 
 
 def chair(s: Section, model: Model) -> None:
     """A seat on four legs with a back; one sits looking to -y before it is turned."""
-    place, (x, y, z) = _place(s), s.size("size", 3, [0.45, 0.45, 0.9])
+    place, (x, y, z) = place_of(s), s.size("size", 3, [0.45, 0.45, 0.9])
     paint = paint_of(s, "texture", model.paints)
     model.box(place, (-x / 2, -y / 2, z / 2 - 0.05), (x / 2, y / 2, z / 2), paint)
     model.box(place, (-x / 2, y / 2 - 0.04, z / 2), (x / 2, y / 2, z), paint)
     _legs(model, place, (x, y, z / 2 - 0.05), 0.04, s)
-    model.solid(s.word("name", "chair"), place, (-x / 2, -y / 2, 0), (x / 2, y / 2, z))
+    model.solid(name_of(s), place, (-x / 2, -y / 2, 0), (x / 2, y / 2, z))
 
 
 def plant(s: Section, model: Model) -> None:
     """A pot with leaves that lean outwards: `size` (width, height)."""
-    place, (width, height) = _place(s), s.size("size", 2)
+    place, (width, height) = place_of(s), s.size("size", 2)
     leaves, r = paint_of(s, "texture", model.paints), width / 2
     model.box(place, (-r / 2, -r / 2, 0), (r / 2, r / 2, height / 4), paint_of(s, "pot", model.paints, (150, 80, 50)))
     count = int(s.number("leaves", 9, 1, 100))
@@ -98,7 +101,7 @@ def plant(s: Section, model: Model) -> None:
         model.faces.append(
             place.face(out * r / 8 - side * width / 12 + [0, 0, height / 4], side * width / 6, tip, leaves)
         )
-    model.solid(s.word("name", "plant"), place, (-r, -r, 0), (r, r, height))
+    model.solid(name_of(s), place, (-r, -r, 0), (r, r, height))
 
 
 def face(s: Section, model: Model) -> None:
@@ -118,27 +121,31 @@ def face(s: Section, model: Model) -> None:
 
 
 OBJECTS: dict[str, Callable[[Section, Model], None]] = {
+    "area": area,
     "box": box,
+    "building": building,
     "chair": chair,
+    "cylinder": cylinder,
+    "door": door,
     "face": face,
     "panel": panel,
     "plant": plant,
     "room": room,
     "rug": rug,
     "table": table,
+    "tree": tree,
+    "wall": wall,
 }
 
 
-def add_object(s: Section, model: Model) -> None:
-    """Add what a section of `objects` describes."""
+def add_object(s: Section, number: int, model: Model) -> None:
+    """Add what a section of `objects` describes. `number`: what its textures draw from, whatever else is in the world."""
+    before = len(model.faces)
     OBJECTS[s.choice("kind", OBJECTS)](s, model)
-    s.value("name", None)  # for those who read the file, where the kind has no use for it
+    name = name_of(s)
     s.done()
-
-
-def _place(s: Section) -> Place:
-    x, y = s.numbers("at", 2)
-    return Place(np.array([x, y, s.number("z", 0.0)]), np.deg2rad(s.number("turn_deg", 0.0)))
+    for i, face in enumerate(model.faces[before:]):
+        model.faces[before + i] = replace(face, name=name, seed=(number, i))
 
 
 def _legs(model: Model, place: Place, size: tuple[float, float, float], leg: float, s: Section) -> None:

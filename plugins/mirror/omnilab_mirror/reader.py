@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterable, Iterator
+from copy import copy
 from pathlib import Path
 from typing import Any
 
@@ -88,11 +89,11 @@ class Section:
         """`count` lengths in metres, each at least a millimetre."""
         return self.numbers(key, count, default, low=0.001)
 
-    def points(self, key: str) -> list[list[float]]:
-        """A list of points (x, y, z)."""
+    def points(self, key: str, count: int = 3) -> list[list[float]]:
+        """A list of points of `count` coordinates."""
         value = self.value(key)
-        if not isinstance(value, list) or not all(_is_point(point, 3) for point in value):
-            raise self.invalid(key, value, "a list of points [x, y, z] of finite numbers")
+        if not isinstance(value, list) or not all(_is_point(point, count) for point in value):
+            raise self.invalid(key, value, f"a list of points [{', '.join('xyz'[:count])}] of finite numbers")
         return value
 
     def color(self, key: str, default: Any = REQUIRED) -> list[float]:
@@ -123,6 +124,13 @@ class Section:
             raise self.invalid(key, value, "a name")
         return value
 
+    def words(self, key: str) -> list[str]:
+        """A list of names, empty where there is no such key."""
+        value = self.value(key, [])
+        if not isinstance(value, list) or not all(isinstance(word, str) for word in value):
+            raise self.invalid(key, value, "a list of names")
+        return value
+
     def choice(self, key: str, options: Iterable[str], default: Any = REQUIRED) -> str:
         """One of the names in `options`."""
         value, options = self.word(key, default), list(options)
@@ -136,11 +144,28 @@ class Section:
         return Section(self.file, f"'{key}'", self._nodes[key])
 
     def sections(self, key: str, title: str) -> list[Section]:
-        """The mappings listed below a key."""
-        value = self.value(key)
+        """The mappings listed below a key; none where there is no such key."""
+        value = self.value(key, [])
         if not isinstance(value, list):
             raise self.invalid(key, value, "a list of entries, each starting with '-'")
-        return [Section(self.file, f"{title} {i + 1}", node) for i, node in enumerate(self._nodes[key].value)]
+        return [
+            Section(self.file, f"{title} {i + 1}", node)
+            for i, node in enumerate(self._nodes[key].value if value else [])
+        ]
+
+    def named(self, key: str) -> dict[str, Section]:
+        """The mappings below a key, by name; none where there is no such key."""
+        if key not in self:
+            self.value(key, None)
+            return {}
+        below = self.section(key)
+        return {name: below.section(name) for name in below.keys()}  # noqa: SIM118
+
+    def changed(self, other: Section) -> Section:
+        """This section with another's keys in place of, or beside, its own."""
+        result = copy(self)
+        result._nodes, result._taken = {**self._nodes, **other._nodes}, set()
+        return result
 
 
 class _Values(yaml.constructor.SafeConstructor):

@@ -8,11 +8,14 @@ from typing import Any
 import cv2
 import numpy as np
 
-from omnilab.api import Floats
+from omnilab.api import Bytes, Floats
 from omnilab_mirror.canvas import Canvas, Paint, Painter, framed, mixed, toned
+from omnilab_mirror.images import image
+from omnilab_mirror.outdoors import facade, sky
 from omnilab_mirror.reader import Section, is_color
 
 HANDLE = (225, 200, 90)
+NIGHT = np.array([0.1, 0.12, 0.2])  # what it leaves of red, green and blue
 ZENITH, HORIZON, HILLS, TREES = (120, 175, 245), (150, 190, 235), (110, 140, 95), (50, 85, 45)
 
 
@@ -140,8 +143,9 @@ def door(s: Section) -> Painter:
 
 
 def window(s: Section) -> Painter:
-    """A view of sky, hills and trees behind a frame with crossbars."""
+    """A view of sky, hills and trees, by day or by `night`, behind a frame with crossbars."""
     frame, seed = s.color("frame", [235, 235, 230]), int(s.number("seed", 0, 0, 1e9))
+    night = s.flag("night", False)
 
     def paint(canvas: Canvas) -> Floats:
         x, y = canvas.xy
@@ -151,6 +155,7 @@ def window(s: Section) -> Painter:
         trees = height * (0.16 + 0.05 * np.sin(3.7 * x + phase[2])) + 0.08 * canvas.noise(0.08, 0.08)
         sky = mixed(y / height + 0.15 * canvas.rough(0.5), ZENITH, HORIZON)
         landscape = mixed(y < trees, TREES, mixed(y < hills, HILLS, sky))
+        landscape = landscape * (NIGHT if night else 1)
         bars = (np.abs(x - width / 2) < 0.025) | (np.abs(y - height * 0.62) < 0.02)
         return framed(mixed(bars, frame, landscape), canvas, 0.06, frame)
 
@@ -184,10 +189,13 @@ TEXTURES: dict[str, Callable[[Section], Painter]] = {
     "books": books,
     "bricks": bricks,
     "door": door,
+    "facade": facade,
+    "image": image,
     "motifs": motifs,
     "noise": noise,
     "plain": plain,
     "poster": poster,
+    "sky": sky,
     "stripes": stripes,
     "tiles": tiles,
     "window": window,
@@ -195,16 +203,32 @@ TEXTURES: dict[str, Callable[[Section], Painter]] = {
 }
 
 
-def textures(s: Section) -> dict[str, Paint]:
-    """The paints that the section `textures` names."""
-    return {name: _paint(s.section(name)) for name in s.keys()}  # noqa: SIM118
+SKIES = ("image", "plain", "sky")
+SKY_SHAPE = (540, 1080)
 
 
-def _paint(s: Section) -> Paint:
-    make = TEXTURES[s.choice("kind", TEXTURES)]
-    paint = Paint(make(s), s.flag("glows", False))
+def sky_of(s: Section, textures: dict[str, Section]) -> Bytes:
+    """The sky (h, w, 3) that the key `sky` names: row 0 overhead, column 0 to +x, counter-clockwise.
+
+    An image is an equirectangular photograph, up to down from zenith to nadir; its left and right edge look to +x.
+    """
+    texture = textures[s.choice("sky", textures)]
+    kind = texture.value("kind")
+    if kind not in SKIES or "tile_m" in texture:
+        raise s.invalid(
+            "sky", s.value("sky"), f"a texture that closes around the sphere: of kind {', '.join(SKIES)}, not tiled"
+        )
+    canvas = Canvas((2 * np.pi, np.pi), SKY_SHAPE, np.random.default_rng(0))
+    painted = paint(texture).painter(canvas)
+    return np.asarray(np.clip(np.rint(painted), 0, 255), np.uint8)[::-1, ::-1]
+
+
+def paint(s: Section) -> Paint:
+    """The paint that a section of `textures` describes."""
+    result = TEXTURES[s.choice("kind", TEXTURES)](s)
+    glows = s.flag("glows", False)
     s.done()
-    return paint
+    return Paint(result, glows)
 
 
 def paint_of(s: Section, key: str, textures: dict[str, Paint], default: Any = (200, 200, 200)) -> Paint:

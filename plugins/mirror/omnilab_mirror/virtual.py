@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnilab.api import Floats, Frames, Layout, Mesh, Plan
-from omnilab.errors import ConfigError, DataError
+from omnilab.api import Floats, Frames, Layout, Mesh, PathPoses, Plan
+from omnilab.errors import ConfigError, DataError, did_you_mean
 from omnilab.projection import RayCamera
 
 RENDERER_VERSION = 1  # part of the keys: raise it when the same world and pose give another picture
@@ -22,6 +22,7 @@ class VirtualCamera(ABC):
     """Images a virtual world from any pose. What a subclass adds is its camera model."""
 
     world: str = "room"  # a shipped world's name, or the path of a file
+    variant: str | None = None  # of the world: one that its file names, with another light or other objects
     color: bool = False  # RGB rather than grey
     samples: int = 4  # rays a pixel: 1, 4, 9, ... against jagged edges
     height_m: float = 1.0  # of the viewpoint, where a layout says nothing
@@ -45,9 +46,21 @@ class VirtualCamera(ABC):
         from omnilab_mirror.poses import poses_of
         from omnilab_mirror.world import load_world
 
-        world = load_world(self.world)
+        world = load_world(self.world, self.variant)
         T_world_camera, omitted = poses_of(layout, world, self.height_m, self.on_floor)
         return Plan(self._keys(world.digest, T_world_camera), T_world_camera, omitted)
+
+    def path(self, name: str) -> PathPoses:
+        """The poses of one of the world's paths, at the sensor's height, headed along the motion."""
+        from omnilab_mirror.world import load_world
+
+        paths = load_world(self.world, self.variant).paths
+        if name not in paths:
+            known = ", ".join(paths) or "none"
+            raise ConfigError(
+                f"path '{name}' is not in world={self.world!r}; there is {known}{did_you_mean(name, paths)}"
+            )
+        return PathPoses(paths[name].poses(self.height_m))
 
     def frames(self, plan: Plan) -> Iterator[Frames]:
         """The planned images, ten a second by the sensor's clock."""
@@ -56,7 +69,7 @@ class VirtualCamera(ABC):
         from omnilab_mirror.render import render
         from omnilab_mirror.world import load_world
 
-        world, camera = load_world(self.world), self.camera
+        world, camera = load_world(self.world, self.variant), self.camera
         for start in range(0, len(plan), self.batch):
             index = np.arange(start, min(start + self.batch, len(plan)))
             T_world_camera = plan.T_world_camera[index]
@@ -68,7 +81,7 @@ class VirtualCamera(ABC):
         from omnilab_mirror.scene import mesh_of
         from omnilab_mirror.world import load_world
 
-        return mesh_of(load_world(self.world))
+        return mesh_of(load_world(self.world, self.variant))
 
     def _keys(self, digest: str, T_world_camera: Floats) -> Sequence[str]:
         content = (RENDERER_VERSION, digest, repr(self.camera), self.color, self.samples)

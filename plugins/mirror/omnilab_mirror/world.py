@@ -3,42 +3,54 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from importlib.resources import files
 from pathlib import Path
+from typing import Any, TypeVar
 
+import cv2
 import numpy as np
 
 from omnilab.api import Bytes, Floats
 from omnilab.errors import ConfigError, DataError
 from omnilab_mirror.atlas import Atlas, build_atlas
-from omnilab_mirror.canvas import Canvas
-from omnilab_mirror.faces import Face, Model, Solid
+from omnilab_mirror.canvas import Canvas, Paint
+from omnilab_mirror.faces import Area, Face, Model, Solid
+from omnilab_mirror.images import images_of
 from omnilab_mirror.light import Light, light
 from omnilab_mirror.objects import add_object
+from omnilab_mirror.paths import Route, route
 from omnilab_mirror.reader import read, suggestion
-from omnilab_mirror.textures import textures
+from omnilab_mirror.textures import paint, sky_of
+from omnilab_mirror.variants import content
 
 CLEARANCE_M = 0.05
 MAX_TEXELS = 40_000_000
+LATTICE_TEXELS = 5  # light is computed on a lattice this wide, and interpolated
+GREY = Paint(lambda canvas: canvas.filled([128.0, 128.0, 128.0]))  # stands for a texture that cannot be read
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class World:
     """Faces with their pictures, and where a camera may be."""
 
-    digest: str  # of the file's content
+    digest: str  # of the file's content, the variant, and the pictures it names
     map_m: tuple[float, float]  # x and y around the origin
     faces: list[Face]
     solids: list[Solid]
-    room: Floats | None  # (2, 3): lowest and highest corner
+    areas: list[Area]
     light: Light
     texels_per_m: float
     seed: int
     sky: Bytes | None = (
         None  # (h, w, 3): what is seen past all faces, row 0 overhead, column 0 to +x, counter-clockwise
     )
+    paths: dict[str, Route] = field(default_factory=dict)
+    variants: tuple[str, ...] = ()
+    files: tuple[tuple[Path, int], ...] = ()  # pictures that it names, and when they were changed
 
     def obstacles(self, points: Floats, on_floor: bool = False) -> list[str]:
         """What each viewpoint (N, 3) is in the way of: "inside 'table'", "outside the room", or "" where it is free.
@@ -50,15 +62,16 @@ class World:
             if on_floor:
                 found[solid.is_below(points, CLEARANCE_M)] = f"above '{solid.name}'"
             found[solid.holds(points, CLEARANCE_M)] = f"inside '{solid.name}'"
-        if self.room is not None:
-            low, high = self.room[0] + CLEARANCE_M, self.room[1] - CLEARANCE_M
-            found[np.any((points < low) | (points > high), axis=1)] = "outside the room"
+        if self.areas:
+            within = np.any([area.holds(points, CLEARANCE_M) for area in self.areas], axis=0)
+            found[~within] = "outside " + " and ".join(sorted({f"the {area.name}" for area in self.areas}))
         return list(found)
 
     @cached_property
     def pictures(self) -> list[Bytes]:
         """The picture (h, w, 3) of each face as lit; row 0 is at its corner and edge u."""
-        return [self._picture(i, face) for i, face in enumerate(self.faces)]
+        brightness = self.light.on(self.faces, LATTICE_TEXELS / self.texels_per_m)
+        return [self._picture(face, on_it) for face, on_it in zip(self.faces, brightness, strict=True)]
 
     @cached_property
     def gray(self) -> Atlas:
@@ -70,44 +83,111 @@ class World:
         """The pictures at all resolutions."""
         return build_atlas(self.pictures, color=True)
 
-    def _picture(self, index: int, face: Face) -> Bytes:
+    def _picture(self, face: Face, brightness: Floats) -> Bytes:
         width, height = float(np.linalg.norm(face.u)), float(np.linalg.norm(face.v))
         shape = (max(2, round(height * self.texels_per_m)), max(2, round(width * self.texels_per_m)))
-        canvas = Canvas((width, height), shape, np.random.default_rng([self.seed, index]))
+        canvas = Canvas((width, height), shape, np.random.default_rng([self.seed, *face.seed]))
         picture = face.paint.painter(canvas)
         if not face.paint.glows:
-            x, y = canvas.xy
-            picture = picture * self.light.on(face, x / width, y / height)[..., None]
+            picture = picture * cv2.resize(brightness, shape[::-1], interpolation=cv2.INTER_LINEAR)[..., None]
         return np.asarray(np.clip(np.rint(picture), 0, 255), np.uint8)
 
 
-def load_world(world: str) -> World:
-    """A world that is shipped, by name, or the one in a YAML file."""
-    shipped = {Path(str(file)).stem: Path(str(file)) for file in (files("omnilab_mirror") / "worlds").iterdir()}
-    file = shipped.get(world, Path(world))
+def shipped() -> dict[str, Path]:
+    """The files of the worlds that come with the plugin, by name."""
+    found = (Path(str(file)) for file in (files("omnilab_mirror") / "worlds").iterdir())
+    return {file.stem: file for file in sorted(found) if file.suffix == ".yaml"}
+
+
+def load_world(world: str, variant: str | None = None) -> World:
+    """A world that is shipped, by name, or the one in a YAML file; as it is, or in one of its variants."""
+    file, data = _read(world)
+    loaded = _load(file, data, variant)
+    if loaded.files != _stamps([path for path, _ in loaded.files]):
+        _load.cache_clear()
+        loaded = _load(file, data, variant)
+    return loaded
+
+
+def problems_of(world: str, variant: str | None = None) -> tuple[World | None, list[DataError]]:
+    """The world, where it can be built in spite of them, and all that is wrong with its file."""
+    problems: list[DataError] = []
     try:
-        return _parse(file, file.read_bytes())
+        return _build(*_read(world), variant, problems), problems
+    except DataError as error:
+        return None, [*problems, error]
+
+
+def _read(world: str) -> tuple[Path, bytes]:
+    file = shipped().get(world, Path(world))
+    try:
+        return file, file.read_bytes()
     except OSError as error:
         raise ConfigError(
             f"world={world!r} cannot be read ({error.strerror}); give the path of a YAML file or a name: "
-            + suggestion(world, shipped)
+            + suggestion(world, shipped())
         ) from None
 
 
 @lru_cache(maxsize=4)
-def _parse(file: Path, data: bytes) -> World:
+def _load(file: Path, data: bytes, variant: str | None) -> World:
+    problems: list[DataError] = []
+    world = _build(file, data, variant, problems)
+    if problems:
+        raise problems[0]
+    return world
+
+
+def _build(file: Path, data: bytes, variant: str | None, problems: list[DataError]) -> World:
+    """The world of a file; what is wrong with a texture, an object or a path goes to `problems`, and it is left out."""
     s = read(file, data)
-    model = Model(textures(s.section("textures")) if "textures" in s else {})
+    textures, paths = s.named("textures"), s.named("paths")
+    paints = {name: _try(problems, paint, texture) for name, texture in textures.items()}
+    model = Model({name: painted or GREY for name, painted in paints.items()})
     x, y = s.size("map_m", 2)
     seed, density = int(s.number("seed", 0, 0, 1e9)), s.number("texels_per_m", 128, 1, 10_000)
-    brightness = light(s.section("light")) if "light" in s else Light(1.0, [])
-    for entry in s.sections("objects", "object"):
-        add_object(entry, model)
+    inside = content(s, variant)
     s.done()
+    brightness = _try(problems, light, inside.light, inside.lamps) if inside.light else None
+    for number, entry in inside.objects:
+        _try(problems, add_object, entry, number, model)
+    routes = {name: _try(problems, route, path) for name, path in paths.items()}
     texels = sum(float(np.linalg.norm(np.cross(face.u, face.v))) for face in model.faces) * density**2
-    if not model.faces or texels > MAX_TEXELS:
+    if not problems and (not model.faces or texels > MAX_TEXELS):
         raise DataError(
             f"{file} needs {texels:.0f} texels; a world needs a face, and up to {MAX_TEXELS} texels: set texels_per_m"
         )
-    digest = hashlib.blake2b(data, digest_size=16).hexdigest()
-    return World(digest, (x, y), model.faces, model.solids, model.room, brightness, density, seed)
+    named = images_of(textures.values()) if not problems else []
+    return World(
+        _digest([data, repr(variant).encode(), *(path.read_bytes() for path in named)]),
+        (x, y),
+        model.faces,
+        model.solids,
+        model.areas,
+        brightness or Light(1.0, []),
+        density,
+        seed,
+        _try(problems, sky_of, inside.sky, textures) if inside.sky else None,
+        {name: found for name, found in routes.items() if found},
+        tuple(s.named("variants")),
+        _stamps(named),
+    )
+
+
+def _try(problems: list[DataError], make: Callable[..., T], *parts: Any) -> T | None:
+    try:
+        return make(*parts)
+    except DataError as error:
+        problems.append(error)
+        return None
+
+
+def _digest(parts: list[bytes]) -> str:
+    digest = hashlib.blake2b(digest_size=16)
+    for part in parts:
+        digest.update(len(part).to_bytes(8, "little") + part)
+    return digest.hexdigest()
+
+
+def _stamps(paths: list[Path]) -> tuple[tuple[Path, int], ...]:
+    return tuple((path, path.stat().st_mtime_ns if path.exists() else 0) for path in paths)

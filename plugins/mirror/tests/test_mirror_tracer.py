@@ -26,7 +26,7 @@ def painted(color) -> Paint:
 
 
 def world_of(faces) -> World:
-    return World("test", (8, 6), faces, [], None, Light(1.0, []), 8, 0)
+    return World("test", (8, 6), faces, [], [], Light(1.0, []), 8, 0)
 
 
 def pictures(sensor, T_world_camera):

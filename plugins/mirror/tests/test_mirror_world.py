@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from omnilab.errors import ConfigError, DataError
 from omnilab_mirror.objects import OBJECTS
 from omnilab_mirror.textures import TEXTURES
-from omnilab_mirror.world import load_world
+from omnilab_mirror.world import load_world, shipped
 
 SQUARE = "[[-1, 1, 0], [1, 1, 0], [1, 1, 1], [-1, 1, 1]]"
 
@@ -146,10 +146,13 @@ EXAMPLES = {
     "books": "",
     "bricks": "color: [150, 80, 60]",
     "door": "color: [150, 80, 60]",
+    "facade": "color: [150, 80, 60], brick_m: 0.1, bay_m: [0.7, 0.9], window_m: [0.4, 0.5]",
+    "image": "file: picture.png",
     "motifs": "ground: [150, 80, 60], colors: [[9, 200, 9], [200, 9, 9]]",
     "noise": "color: [150, 80, 60]",
     "plain": "color: [150, 80, 60]",
     "poster": "ground: [150, 80, 60]",
+    "sky": "clouds: 0.6",
     "stripes": "colors: [[9, 200, 9], [200, 9, 9]]",
     "tiles": "colors: [[9, 200, 9], [200, 9, 9]]",
     "window": "",
@@ -159,7 +162,8 @@ EXAMPLES = {
 
 @pytest.mark.parametrize("kind", TEXTURES)
 @pytest.mark.parametrize("size", ["[1.5, 1]", "[0.01, 0.7]"])
-def test_every_texture_covers_every_face_and_is_the_same_twice(write, kind, size):
+def test_every_texture_covers_every_face_and_is_the_same_twice(write, tmp_path, kind, size):
+    cv2.imwrite(str(tmp_path / "picture.png"), np.random.default_rng(0).integers(0, 255, (20, 30, 3), np.uint8))
     texture = f"textures:\n  it: {{kind: {kind}, {EXAMPLES[kind]}}}\n"
     text = f"map_m: [1, 1]\n{texture}objects:\n  - {{kind: rug, at: [0, 0], size: {size}, texture: it}}\n"
     picture = load_world(write(text)).pictures[0]
@@ -168,7 +172,7 @@ def test_every_texture_covers_every_face_and_is_the_same_twice(write, kind, size
     assert picture.shape[2] == 3
     if size == "[1.5, 1]":
         assert picture.shape == (128, 192, 3)
-        assert (picture.std() > 8) or kind == "plain"
+        assert (picture.std() > 8) or kind in {"plain", "sky"}
 
 
 def test_seed_changes_the_textures(write, small):
@@ -193,16 +197,10 @@ def test_glowing_faces_need_no_lamp(write):
     assert np.all(dark == 20)
 
 
-def test_the_room_shows_every_kind_of_object_and_is_rich_in_texture():
+def test_the_shipped_worlds_show_every_kind_of_object_and_are_rich_in_texture():
+    used = "".join(file.read_text() for file in shipped().values())
+    assert all(f"kind: {kind}," in used for kind in set(OBJECTS) - {"face"})
     world = load_world("room")
-    assert set(OBJECTS) - {"face"} <= {line.split("kind: ")[1].split(",")[0] for line in _room_lines()}
     assert {solid.name for solid in world.solids} >= {"bookcase", "chair", "dining table", "plant", "sofa"}
     walls = [cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) for picture in world.pictures[:6]]
     assert [round(float(wall.std())) > 3 for wall in walls] == [True] * 6
-
-
-def _room_lines() -> list[str]:
-    import omnilab_mirror.world as module
-
-    file = module.files("omnilab_mirror") / "worlds" / "room.yaml"
-    return [line for line in file.read_text().split("objects:")[1].splitlines() if "kind: " in line]

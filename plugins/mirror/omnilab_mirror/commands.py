@@ -1,0 +1,89 @@
+"""The command `omnilab world`: which worlds there are, and what is in a file and wrong with it."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from omnilab_mirror.world import World
+
+HEIGHT_M = 1.0  # where the free share of the map is counted: the sensors' default
+STEP_M = 0.1
+
+
+def world_command(argv: list[str]) -> int:
+    """The command's exit code: 2 where a file cannot be used."""
+    parser = argparse.ArgumentParser(prog="omnilab world", description="Look at virtual worlds.")
+    actions = parser.add_subparsers(dest="action", required=True)
+    actions.add_parser("list", help="the worlds that are shipped, and their variants")
+    check = actions.add_parser("check", help="what is in a world file, and what is wrong with it")
+    check.add_argument("world", metavar="FILE", help="a YAML file, or the name of a shipped world")
+    check.add_argument("--variant", help="one of its variants; without it, the world as it is and all its variants")
+    chosen = parser.parse_args(argv)
+    return _list() if chosen.action == "list" else _check(chosen.world, chosen.variant)
+
+
+def _list() -> int:
+    from omnilab_mirror.world import load_world, shipped
+
+    for name, file in shipped().items():
+        _say(f"{name}: {', '.join(load_world(name).variants) or 'no variants'}  ({file})")
+    return 0
+
+
+def _check(name: str, variant: str | None) -> int:
+    from omnilab_mirror.check import warnings_of
+    from omnilab_mirror.world import problems_of
+
+    built, problems = problems_of(name, variant)
+    tried = {variant: built}
+    if variant is None and built is not None:
+        for other in built.variants:
+            tried[other], more = problems_of(name, other)
+            problems += more
+    if built is not None:
+        for line in _summary(built):
+            _say(line)
+    for sentence in dict.fromkeys(map(str, problems)):  # variants share most of them
+        _say(f"wrong: {sentence}")
+    if problems:
+        return 2
+    seen: set[str] = set()
+    for tag, found in tried.items():
+        for warning in warnings_of(found) if found else ():
+            if warning not in seen:
+                seen.add(warning)
+                _say(f"warning{f' (variant {tag})' if tag else ''}: {warning}")
+    return 0
+
+
+def _summary(world: World) -> Iterator[str]:
+    texels = sum(float(np.linalg.norm(np.cross(face.u, face.v))) for face in world.faces) * world.texels_per_m**2
+    names = Counter({face.seed[0]: face.name for face in world.faces}.values())
+    yield f"{len(world.faces)} faces, {texels / 1e6:.1f} million texels, {len(world.light.lamps)} lamps"
+    for area in world.areas:
+        x, y, z = area.high - area.low
+        yield f"{area.name}: {x:g} x {y:g} m" + (f", {z:g} m high" if z < 500 else "")
+    yield f"map: {world.map_m[0]:g} x {world.map_m[1]:g} m, {free_share(world):.0%} of it free at {HEIGHT_M:g} m"
+    yield "objects: " + ", ".join(f"{count} {name}" if count > 1 else name for name, count in sorted(names.items()))
+    for name, path in world.paths.items():
+        yield f"path {name}: {path.length_m:.2f} m, {len(path.poses(HEIGHT_M))} images"
+    if world.variants:
+        yield "variants: " + ", ".join(world.variants)
+
+
+def free_share(world: World) -> float:
+    """Of the map's nodes on a grid, at the default height and with a robot below: the share that is free."""
+    x, y = (np.arange(-side / 2, side / 2 + 1e-9, STEP_M) for side in world.map_m)
+    points = np.array([(px, py, HEIGHT_M) for py in y for px in x])
+    return float(np.mean([not why for why in world.obstacles(points, on_floor=True)]))
+
+
+def _say(line: str) -> None:
+    sys.stdout.write(line + "\n")
