@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from omnilab.api import Floats
 from omnilab_mirror.canvas import Paint
+
+if TYPE_CHECKING:
+    from omnilab_mirror.mesh_file import MeshFile
 
 Bools = npt.NDArray[np.bool_]
 
@@ -77,6 +80,7 @@ class Model:
     faces: list[Face] = field(default_factory=list)
     solids: list[Solid] = field(default_factory=list)
     room: Floats | None = None  # (2, 3): lowest and highest corner
+    meshes: list[MeshFile] = field(default_factory=list)  # where they stand
 
     def box(
         self, place: Place, low: Any, high: Any, paint: Paint, front: Paint | None = None, top: Paint | None = None

@@ -26,6 +26,7 @@ class Light:
 
     ambient: float
     lamps: list[Lamp]
+    skylight: float = 0.0  # added to the ambient light of what faces the sky, taken from what faces away
 
     def on(self, face: Face, x: Floats, y: Floats) -> Floats:
         """Brightness (H, W) at fractions x (1, W) and y (H, 1) of a face's edges: ambient + Lambert's cosine law."""

@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
+from omnilab.errors import DataError
 from omnilab_mirror.faces import Face, Model, Place
 from omnilab_mirror.reader import Section
 from omnilab_mirror.textures import paint_of
@@ -117,10 +119,27 @@ def face(s: Section, model: Model) -> None:
     model.faces.append(Face(corners[0], u, v, paint_of(s, "texture", model.paints)))
 
 
+def mesh(s: Section, model: Model) -> None:
+    """A mesh file (.obj, .glb, .ply) beside or below the world file: `at` (x, y) of its origin, `scale` to metres, `up`."""
+    from omnilab_mirror.mesh_file import read_mesh
+
+    name, place, scale = s.word("file"), _place(s), s.number("scale", 1.0, 1e-6, 1e6)
+    folder = s.file.parent.resolve()
+    file = (folder / name).resolve()
+    if not file.is_relative_to(folder):
+        raise s.invalid("file", name, "a file in the folder of the world file, or below it; move the mesh there")
+    try:
+        found = read_mesh(file, s.choice("up", ("y", "z")) if "up" in s else None)
+    except DataError as error:
+        raise s.wrong(f"has a mesh that cannot be used: {error}") from None
+    model.meshes.append(replace(found, triangles=found.triangles.moved(scale * place.rotation, place.at)))
+
+
 OBJECTS: dict[str, Callable[[Section, Model], None]] = {
     "box": box,
     "chair": chair,
     "face": face,
+    "mesh": mesh,
     "panel": panel,
     "plant": plant,
     "room": room,

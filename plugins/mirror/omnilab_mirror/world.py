@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from importlib.resources import files
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,9 +20,14 @@ from omnilab_mirror.light import Light, light
 from omnilab_mirror.objects import add_object
 from omnilab_mirror.reader import read, suggestion
 from omnilab_mirror.textures import textures
+from omnilab_mirror.triangles import Triangles, halves, joined
+
+if TYPE_CHECKING:
+    from omnilab_mirror.embree import Embree
 
 CLEARANCE_M = 0.05
 MAX_TEXELS = 40_000_000
+MESH_FILES = (".obj", ".glb", ".ply", ".gltf", ".stl", ".off", ".dae", ".fbx", ".usd", ".usdz", ".blend", ".3ds")
 
 
 @dataclass(frozen=True)
@@ -39,6 +45,9 @@ class World:
     sky: Bytes | None = (
         None  # (h, w, 3): what is seen past all faces, row 0 overhead, column 0 to +x, counter-clockwise
     )
+    meshes: list[Triangles] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)  # what is wrong with the mesh files and was mended
+    sources: dict[Path, tuple[int, int]] = field(default_factory=dict)  # the files of its meshes, with `stamp_of` each
 
     def obstacles(self, points: Floats, on_floor: bool = False) -> list[str]:
         """What each viewpoint (N, 3) is in the way of: "inside 'table'", "outside the room", or "" where it is free.
@@ -53,6 +62,11 @@ class World:
         if self.room is not None:
             low, high = self.room[0] + CLEARANCE_M, self.room[1] - CLEARANCE_M
             found[np.any((points < low) | (points > high), axis=1)] = "outside the room"
+        if self.meshes:
+            from omnilab_mirror.free_space import mesh_obstacles
+
+            free = found == ""
+            found[free] = mesh_obstacles(self.embree, points[free], on_floor, CLEARANCE_M)
         return list(found)
 
     @cached_property
@@ -70,6 +84,14 @@ class World:
         """The pictures at all resolutions."""
         return build_atlas(self.pictures, color=True)
 
+    @cached_property
+    def embree(self) -> Embree:
+        """Meshes and faces as triangles, ready for rays."""
+        from omnilab_mirror.embree import Embree
+
+        faces = [halves(self.faces, self.pictures)] if self.faces else []
+        return Embree(joined([*self.meshes, *faces]), self.light, self.sky)
+
     def _picture(self, index: int, face: Face) -> Bytes:
         width, height = float(np.linalg.norm(face.u)), float(np.linalg.norm(face.v))
         shape = (max(2, round(height * self.texels_per_m)), max(2, round(width * self.texels_per_m)))
@@ -82,16 +104,41 @@ class World:
 
 
 def load_world(world: str) -> World:
-    """A world that is shipped, by name, or the one in a YAML file."""
+    """A world that is shipped, by name, or the one in a YAML or mesh file. It is kept until one of its files changes."""
     shipped = {Path(str(file)).stem: Path(str(file)) for file in (files("omnilab_mirror") / "worlds").iterdir()}
     file = shipped.get(world, Path(world))
     try:
-        return _parse(file, file.read_bytes())
+        kept = _read(file)
+        if any(stamp_of(source) != stamp for source, stamp in kept.sources.items()):
+            _parse.cache_clear()
+            _mesh.cache_clear()
+            kept = _read(file)
     except OSError as error:
         raise ConfigError(
-            f"world={world!r} cannot be read ({error.strerror}); give the path of a YAML file or a name: "
+            f"world={world!r} cannot be read ({error.strerror}); give the path of a YAML or mesh file or a name: "
             + suggestion(world, shipped)
         ) from None
+    return kept
+
+
+def stamp_of(file: Path) -> tuple[int, int]:
+    """When a file was changed, and its size; zeros where there is none."""
+    if not file.is_file():
+        return 0, 0
+    return file.stat().st_mtime_ns, file.stat().st_size
+
+
+def _read(file: Path) -> World:
+    if file.suffix.lower() in MESH_FILES:
+        return _mesh(file, file.stat().st_mtime_ns)
+    return _parse(file, file.read_bytes())
+
+
+@lru_cache(maxsize=2)
+def _mesh(file: Path, changed_ns: int) -> World:  # noqa: ARG001  another time is another mesh
+    from omnilab_mirror.mesh_world import world_of_mesh
+
+    return world_of_mesh(file)
 
 
 @lru_cache(maxsize=4)
@@ -105,9 +152,21 @@ def _parse(file: Path, data: bytes) -> World:
         add_object(entry, model)
     s.done()
     texels = sum(float(np.linalg.norm(np.cross(face.u, face.v))) for face in model.faces) * density**2
-    if not model.faces or texels > MAX_TEXELS:
+    if not (model.faces or model.meshes) or texels > MAX_TEXELS:
         raise DataError(
             f"{file} needs {texels:.0f} texels; a world needs a face, and up to {MAX_TEXELS} texels: set texels_per_m"
         )
-    digest = hashlib.blake2b(data, digest_size=16).hexdigest()
-    return World(digest, (x, y), model.faces, model.solids, model.room, brightness, density, seed)
+    digest = hashlib.blake2b(b"".join([data, *(mesh.digest.encode() for mesh in model.meshes)]), digest_size=16)
+    return World(
+        digest.hexdigest(),
+        (x, y),
+        model.faces,
+        model.solids,
+        model.room,
+        brightness,
+        density,
+        seed,
+        meshes=[mesh.triangles for mesh in model.meshes],
+        notes=[note for mesh in model.meshes for note in mesh.notes],
+        sources={file: stamp for mesh in model.meshes for file, stamp in mesh.sources.items()},
+    )

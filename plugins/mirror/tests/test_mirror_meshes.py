@@ -1,0 +1,226 @@
+"""Meshes as worlds against closed forms, against the same room of faces, and with everything wrong that may be."""
+
+from __future__ import annotations
+
+import io
+import logging
+import re
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+from trimesh.visual import ColorVisuals, TextureVisuals
+from trimesh.visual.material import PBRMaterial, SimpleMaterial
+
+from omnilab.api import GridPoses, PathPoses, RandomPoses
+from omnilab.errors import ConfigError, DataError
+from omnilab.geometry import planar_poses
+from omnilab.projection import EquirectangularCamera, HyperbolicMirror
+from omnilab_mirror import Mirror, mesh_file, mesh_look
+from omnilab_mirror.embree import Embree
+from omnilab_mirror.light import Lamp, Light
+from omnilab_mirror.mesh_file import read_mesh
+from omnilab_mirror.mesh_world import floor_height
+from omnilab_mirror.render import render
+from omnilab_mirror.triangles import Triangles, halves
+from omnilab_mirror.world import load_world
+
+BOOKSTORE = Path(__file__).parents[4] / "shared/data/aws_bookstore/bookstore.obj"
+PLAIN = Light(1.0, [])
+SPHERE = EquirectangularCamera(64, 32)
+
+
+def soup(corners, colors=255, picture=None, uv=None) -> Triangles:
+    """Triangles (T, 3, 3) with colours (broadcast to (T, 3, 3)) and one picture."""
+    corners = np.asarray(corners, np.float32)
+    none = np.zeros(len(corners), np.int32)
+    uv = np.zeros((*corners.shape[:2], 2)) if uv is None else uv
+    tint = np.broadcast_to(np.asarray(colors, np.uint8), corners.shape)
+    picture = np.full((1, 1, 3), 255, np.uint8) if picture is None else picture
+    return Triangles(corners, np.asarray(uv, np.float32), none, tint, none, none.astype(bool), [picture], ["it"])
+
+
+def square(z: float, half: float = 50.0):
+    """Two triangles of a level square."""
+    a, b, c, d = ([x, y, z] for x, y in ((-half, -half), (half, -half), (half, half), (-half, half)))
+    return [[a, b, c], [a, c, d]]
+
+
+def directions(camera):
+    v, u = np.mgrid[: camera.height, : camera.width]
+    return camera.directions(np.stack([u, v], -1).astype(float))
+
+
+# ------------------------------------------------------------------------------------------------ rays and shading
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 10**6), count=st.integers(1, 40))
+def test_rays_meet_the_nearest_triangle(seed, count):
+    rng = np.random.default_rng(seed)
+    corners = rng.normal(size=(count, 1, 3)) * 3 + rng.normal(size=(count, 3, 3)) * 10 ** rng.uniform(-1, 1)
+    corners = corners.astype(np.float32).astype(float)
+    colors = np.repeat(np.column_stack([np.arange(count) + 1, np.zeros(count), np.zeros(count)])[:, None], 3, axis=1)
+    T = planar_poses(rng.normal(size=3), rng.uniform(0, 6))
+    embree = Embree(soup(corners, colors), PLAIN, None)
+    image, depth = embree.images(SPHERE, T, 1, True)[0, ..., 0], embree.depths(SPHERE, T)[0]
+    d = directions(SPHERE) @ T[0, :3, :3].T
+    best, index, sure = np.full(d.shape[:2], np.inf), np.zeros(d.shape[:2], int), np.ones(d.shape[:2], bool)
+    for i, (a, b, c) in enumerate(corners):
+        M = np.stack([-d, np.broadcast_to(b - a, d.shape), np.broadcast_to(c - a, d.shape)], -1)
+        t, u, v = np.moveaxis(np.linalg.solve(M, (T[0, :3, 3] - a)[:, None])[..., 0], -1, 0)
+        margin = np.minimum(np.minimum(u, v), 1 - u - v)
+        sure &= (np.abs(margin) > 1e-3) & ((np.abs(t - best) > 1e-3 * np.abs(t)) | (t < 0))
+        hit = (t > 0) & (margin > 0) & (t < best)
+        best, index = np.where(hit, t, best), np.where(hit, i + 1, index)
+    assert sure.mean() > 0.8
+    assert np.array_equal(image[sure], index[sure])
+    assert np.array_equal(np.isinf(depth[sure]), np.isinf(best[sure]))
+    seen = sure & np.isfinite(best)
+    assert np.allclose(depth[seen], best[seen], rtol=1e-3)
+
+
+def test_colours_of_the_corners_blend_linearly():
+    corners = [[[-50, -50, 0], [50, -50, 0], [-50, 50, 0]], [[50, 50, 0], [50, -50, 0], [-50, 50, 0]]]
+    # red = 100 + 2 x and blue = 100 - y, both flat over the square
+    colors = [[[100 + 2 * x, 0, 100 - y] for x, y, _ in triangle] for triangle in corners]
+    T = planar_poses([3.0, 4.0, 2.0])
+    image = Embree(soup(corners, colors), PLAIN, None).images(SPHERE, T, 1, True)[0].astype(float)
+    d = directions(SPHERE)
+    down = d[..., 2] < -0.1
+    x, y = (T[0, i, 3] - 2.0 * d[down][:, i] / d[down][:, 2] for i in (0, 1))
+    assert np.abs(image[down][:, 0] - (100 + 2 * x)).max() <= 0.51
+    assert np.abs(image[down][:, 2] - (100 - y)).max() <= 0.51
+    assert np.all(image[down][:, 1] == 0)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_lamps_light_the_side_that_is_seen_by_lambert_s_law(side):
+    lamp, at = Lamp(np.array([1.5, 0, 2.0 * side]), 0.9, 3.0), np.array([0.4, -0.3, 1.0 * side])
+    T = planar_poses(at)
+    image = Embree(soup(square(0.0), 200), Light(0.2, [lamp]), None).images(SPHERE, T, 1, False)[0]
+    d = directions(SPHERE)
+    met = d[..., 2] * side < -0.1
+    points = at - d[met] * (at[2] / d[met][:, 2])[:, None]
+    distance = np.linalg.norm(lamp.at - points, axis=1)
+    expected = 200 * (0.2 + 0.9 * 2.0 / distance / (1 + (distance / 3) ** 2))
+    assert np.abs(image[met] - expected).max() <= 0.51
+
+
+def test_skylight_is_brightest_on_what_faces_the_sky():
+    up, down = (
+        Embree(soup(square(z), 200), Light(0.85, [], skylight=0.15), None).images(SPHERE, planar_poses([0, 0, 1.0]), 1, False)[0, row, 0]
+        for z, row in ((0.0, -1), (2.0, 0))
+    )  # fmt: skip
+    assert [up, down] == [round(200 * (0.85 + s * 0.15 * 4 / np.sqrt(21))) for s in (1, -1)]
+
+
+def test_textures_wrap_and_are_read_right_and_down():
+    picture = np.zeros((64, 64, 3), np.uint8)
+    picture[:32, :, 0], picture[:, 32:, 2] = 200, 200  # upper half red, right half blue
+    corners = square(0.0, 4.0)
+    uv = np.array(corners)[..., :2] * [1, -1] / 2.0  # one picture every 2 m, its upper edge to the north
+    image = Embree(soup(corners, 255, picture, uv), PLAIN, None).images(SPHERE, planar_poses([0, 0, 1.0]), 1, True)[0]
+    d = directions(SPHERE)
+    met = d[..., 2] < -0.4
+    x, y = (-d[met][:, i] / d[met][:, 2] for i in (0, 1))
+    right, down = x / 2 % 1, -y / 2 % 1
+    sure = np.all(np.abs(np.stack([right, down])[..., None] - [0, 0.5, 1]).min(axis=2) > 0.05, axis=0)
+    assert sure.mean() > 0.4
+    assert np.array_equal(image[met][sure][:, 0] > 100, down[sure] < 0.5)
+    assert np.array_equal(image[met][sure][:, 2] > 100, right[sure] > 0.5)
+
+
+def test_a_fine_texture_far_away_is_grey():
+    picture = np.kron((np.indices((32, 32)).sum(axis=0) % 2)[..., None], np.full((1, 1, 3), 250)).astype(np.uint8)
+    corners = square(0.0, 64.0)
+    triangles = soup(corners, 255, picture, np.array(corners)[..., :2])  # squares of 3 cm
+    image = Embree(triangles, PLAIN, None).images(HyperbolicMirror(), planar_poses([0, 0, 1.5]), 1, False)[0]
+    v, u = np.mgrid[:250, :250]
+    ring = (np.hypot(u - 124.5, v - 124.5) > 60) & (np.hypot(u - 124.5, v - 124.5) < 80)
+    assert np.abs(image[ring].astype(float) - 125).mean() < 4
+
+
+def test_the_sky_is_seen_past_everything_and_turns_with_the_camera():
+    sky = np.zeros((90, 180, 3), np.uint8)
+    sky[:45, :45] = 200  # the upper quarter from +x to +y
+    image = Embree(soup(square(-900.0, 1.0)), PLAIN, sky).images(SPHERE, planar_poses([0, 0, 0], 0.3), 1, False)[0]
+    d = directions(SPHERE) @ planar_poses([0, 0, 0], 0.3)[0, :3, :3].T
+    azimuth, elevation = np.degrees(np.arctan2(d[..., 1], d[..., 0])) % 360, np.degrees(np.arcsin(d[..., 2]))
+    sure = np.minimum(np.minimum(azimuth, np.abs(azimuth - 90)), np.minimum(360 - azimuth, np.abs(elevation))) > 8
+    assert np.array_equal(image[sure] > 100, (azimuth[sure] < 90) & (elevation[sure] > 0))
+
+
+def test_rays_start_where_a_camera_without_viewpoint_says():
+    class Shifted(EquirectangularCamera):
+        def origins(self, pixels):
+            return np.broadcast_to([0.5, 0.0, 0.2], (*np.shape(pixels)[:-1], 3))
+
+    world = Embree(soup(square(0.0)), PLAIN, None)
+    T = planar_poses([1.0, 2.0, 1.0], 0.7)
+    moved = T.copy()
+    moved[:, :3, 3] += T[0, :3, :3] @ [0.5, 0, 0.2]
+    assert np.allclose(world.depths(Shifted(64, 32), T), world.depths(SPHERE, moved), rtol=1e-5)
+
+
+# ------------------------------------------------------------------------------------------------ the room, twice
+@pytest.fixture(scope="module")
+def room_files(tmp_path_factory):
+    """The shipped room's faces with their pictures, exported by trimesh as OBJ and GLB, in folders of their own."""
+    world, out = load_world("room"), {}
+    parts = halves(world.faces, world.pictures)
+    for kind in ("obj", "glb"):
+        folder, scene = tmp_path_factory.mktemp(kind), trimesh.Scene()
+        for i, picture in enumerate(parts.pictures):
+            corners, uv = parts.corners[2 * i : 2 * i + 2].reshape(-1, 3), parts.uv[2 * i : 2 * i + 2].reshape(-1, 2)
+            image = Image.fromarray(picture)
+            image.format = "PNG"
+            material = (
+                SimpleMaterial(image=image, name=f"m{i}") if kind == "obj" else PBRMaterial(baseColorTexture=image)
+            )
+            mesh = trimesh.Trimesh(
+                corners if kind == "obj" else corners[:, [0, 2, 1]] * [1, 1, -1],  # GLB is y up
+                np.arange(6).reshape(2, 3),
+                visual=TextureVisuals(uv * [1, -1] + [0, 1], material=material),
+                process=False,
+            )
+            scene.add_geometry(mesh, geom_name=f"face{i}")
+        scene.export(folder / f"room.{kind}")
+        world_file = folder / "world.yaml"
+        world_file.write_text(f"map_m: [8, 6]\nobjects:\n  - {{kind: mesh, file: room.{kind}, at: [0, 0]}}\n")
+        out[kind] = str(world_file)
+    return out
+
+
+@pytest.mark.parametrize("kind", ["obj", "glb"])
+@pytest.mark.parametrize("color", [False, True], ids=["grey", "colour"])
+def test_the_room_as_faces_and_as_a_mesh_is_the_same_room(room_files, kind, color):
+    faces, mesh = load_world("room"), load_world(room_files[kind])
+    T = Mirror().plan(RandomPoses(4, seed=3)).T_world_camera
+    one, other = (render(world, HyperbolicMirror(), T, 4, color).astype(int) for world in (faces, mesh))
+    difference = np.abs(one - other)
+    # the same picture level, bilinear filter and rays: what remains is where a ray on an edge falls, and that textures
+    # of a mesh wrap at their borders while pictures of faces end there
+    assert difference.mean() < 0.1
+    assert (difference > 8).mean() < 0.004
+    assert one.std() > 30
+
+
+def test_faces_beside_a_mesh_are_traced_as_faces_alone(write, small, tmp_path):
+    trimesh.Trimesh([[0, 0, -9], [1, 0, -9], [0, 1, -9]], [[0, 1, 2]]).export(tmp_path / "far.ply")
+    both = load_world(write(small + "  - {kind: mesh, file: far.ply, at: [0, 0]}\n", "both.yaml"))
+    T = planar_poses([[0.2, -0.4, 1.2], [-0.5, 0.3, 0.9]], [0.0, 1.0])
+    one, other = (render(world, HyperbolicMirror(), T, 4, True) for world in (load_world(write(small)), both))
+    difference = np.abs(one.astype(int) - other)
+    assert difference.mean() < 0.05
+    assert (difference > 8).mean() < 0.002
+
+
+def test_any_batch_gives_the_same_images(room_files):
+    poses = RandomPoses(5, seed=1)
+    one, other = (Mirror(world=room_files["obj"], size=60, batch=batch) for batch in (1, 5))
+    images = [np.concatenate([f.images for f in s.frames(s.plan(poses))]) for s in (one, other)]
+    assert np.array_equal(*images)
