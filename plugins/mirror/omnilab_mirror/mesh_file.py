@@ -6,6 +6,7 @@ import hashlib
 import io
 import json
 import logging
+import re
 import struct
 import warnings
 from dataclasses import dataclass, field
@@ -55,7 +56,7 @@ class Folder:
         name = str(key).strip().strip('"').replace("\\", "/")
         try:
             return self._read(name)
-        except (OSError, ValueError, Image.DecompressionBombError) as error:
+        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
             self.missing[name] = str(getattr(error, "strerror", None) or error).split(" <")[0]
             if name.lower().endswith(PICTURES):
                 return _grey_png()
@@ -136,7 +137,7 @@ def _check_pictures(data: bytes, folder: Folder) -> None:
         start = view.get("byteOffset", 0)
         try:
             Image.open(io.BytesIO(binary[start : start + view["byteLength"]])).verify()
-        except (OSError, ValueError, Image.DecompressionBombError) as error:
+        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
             folder.missing[f"image {i}"] = str(error).split(" <")[0]
 
 
@@ -159,7 +160,9 @@ def _part(file: Path, T: Array, name: str, mesh: trimesh.Trimesh, look: Look) ->
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise DataError(f"{file}: a face of '{name}' has no vertex {faces.max()}; save the file again")
     picture, uv, colors = look.of(mesh, faces)
-    corners = (vertices @ T[:3, :3].T + T[:3, 3]).astype(np.float32)[faces]
+    with np.errstate(invalid="ignore", over="ignore"):  # told by `_sound`
+        corners = (vertices @ T[:3, :3].T + T[:3, 3]).astype(np.float32)[faces]
+    name = file.name if re.fullmatch(r"geometry(_\d+)?", name) else name  # trimesh's word for what has no name
     none = np.zeros(len(faces), np.int32)
     return Triangles(corners, uv, none, colors, none, none.astype(bool), [picture], [name])
 

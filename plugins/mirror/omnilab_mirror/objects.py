@@ -132,7 +132,10 @@ def mesh(s: Section, model: Model) -> None:
         found = read_mesh(file, s.choice("up", ("y", "z")) if "up" in s else None)
     except DataError as error:
         raise s.wrong(f"has a mesh that cannot be used: {error}") from None
-    model.meshes.append(replace(found, triangles=found.triangles.moved(scale * place.rotation, place.at)))
+    triangles = found.triangles.moved(scale * place.rotation, place.at)
+    if "name" in s:
+        triangles = replace(triangles, names=[s.word("name")] * len(triangles.names))
+    model.meshes.append(replace(found, triangles=triangles))
 
 
 OBJECTS: dict[str, Callable[[Section, Model], None]] = {
