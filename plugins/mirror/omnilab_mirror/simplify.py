@@ -10,7 +10,7 @@ from omnilab.api import Floats, Ints, Mesh
 from omnilab_mirror.triangles import Triangles
 
 MAX_TRIANGLES = 60_000
-FINEST_M = 0.01  # the first size of a cluster; doubled until the triangles are few enough
+FINEST_M = 0.01  # the smallest size of a cluster; it grows until the triangles are few enough
 CEILING_M = 2.0  # above the lowest point; what is lower is furniture
 SIDE = 64  # pixels of a picture that colours are taken from
 
@@ -19,7 +19,8 @@ def simplified(triangles: Triangles) -> Mesh:
     """At most 60,000 triangles with one colour per vertex, open from above."""
     shown = triangles[~_overhead(triangles)]
     shown = shown if len(shown) else triangles
-    colors, cell_m = _corner_colors(shown), FINEST_M
+    area_m2 = np.linalg.norm(shown.normals, axis=1).sum() / 2
+    colors, cell_m = _corner_colors(shown), max(FINEST_M, np.sqrt(area_m2 / MAX_TRIANGLES) / 3)
     while True:
         mesh = _clustered(shown.corners.reshape(-1, 3), colors.reshape(-1, 3), cell_m)
         if len(mesh.triangles) <= MAX_TRIANGLES:
@@ -48,9 +49,9 @@ def _clustered(points: Floats, colors: Floats, cell_m: float) -> Mesh:
     cells = np.floor((points - points.min(axis=0)) / cell_m).astype(np.int64)
     size = cells.max(axis=0) + 1
     _, cell, count = np.unique(np.ravel_multi_index(cells.T, size.tolist()), return_inverse=True, return_counts=True)
-    ids: Ints = np.unique(np.sort(cell.reshape(-1, 3), axis=1), axis=0)
-    whole = (ids[:, 0] != ids[:, 1]) & (ids[:, 1] != ids[:, 2])
-    return Mesh(_means(points, cell, count), ids[whole], _means(colors, cell, count).round().astype(np.uint8))
+    ids: Ints = np.sort(cell.reshape(-1, 3), axis=1)
+    ids = np.unique(ids[(ids[:, 0] != ids[:, 1]) & (ids[:, 1] != ids[:, 2])], axis=0)
+    return Mesh(_means(points, cell, count), ids, _means(colors, cell, count).round().astype(np.uint8))
 
 
 def _means(values: Floats, cell: Ints, count: Ints) -> Floats:

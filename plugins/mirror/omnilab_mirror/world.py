@@ -1,4 +1,4 @@
-"""Virtual worlds: YAML files, read into faces with pictures that hold texture and light."""
+"""Virtual worlds: YAML files, read into faces with pictures that hold texture and light, and mesh files."""
 
 from __future__ import annotations
 

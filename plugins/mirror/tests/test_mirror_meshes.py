@@ -417,6 +417,17 @@ def test_grey_stands_in_for_textures_that_cannot_be_had(write, tmp_path, caplog,
     assert np.all(mesh.pictures[mesh.picture[0]] == mesh_look.GREY)
 
 
+def test_a_picture_inside_a_glb_that_cannot_be_opened_is_told(tmp_path):
+    image = Image.fromarray(np.random.default_rng(0).integers(0, 255, (32, 32, 3), np.uint8))
+    image.format = "PNG"
+    visual = TextureVisuals(np.zeros((3, 2)), material=PBRMaterial(baseColorTexture=image))
+    data = trimesh.Trimesh(**TRIANGLE, visual=visual, process=False).export(file_type="glb")
+    (tmp_path / "good.glb").write_bytes(data)
+    (tmp_path / "bad.glb").write_bytes(data.replace(b"\x89PNG", b"\x00PNG"))
+    assert read_mesh(tmp_path / "good.glb").notes == []
+    assert "grey stands in: 'image 0' (cannot identify" in read_mesh(tmp_path / "bad.glb").notes[0]
+
+
 def test_triangles_without_an_area_are_left_out_and_counted(write):
     world = load_world(write("v 0 0 0\nv 1 0 0\nv 2 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 2\nf 1 2 4\n", "a.obj"))
     assert world.notes == ["2 triangles without an area were left out"]
