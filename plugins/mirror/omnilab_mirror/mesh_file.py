@@ -28,6 +28,7 @@ Array = npt.NDArray[Any]
 TYPES = {".obj": "obj", ".glb": "glb", ".ply": "ply"}
 MAX_BYTES = {".obj": 500_000_000, ".glb": 1_500_000_000, ".ply": 1_500_000_000}
 MAX_TRIANGLES = 12_000_000
+BROKEN = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)  # what Pillow raises
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".webp", ".gif")
 Z_UP = {"z": np.eye(3), "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])}
 
@@ -56,8 +57,8 @@ class Folder:
         name = str(key).strip().strip('"').replace("\\", "/")
         try:
             return self._read(name)
-        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-            self.missing[name] = str(getattr(error, "strerror", None) or error).split(" <")[0]
+        except BROKEN as error:
+            self.missing.setdefault(name, _cause(error))
             if name.lower().endswith(PICTURES):
                 return _grey_png()
             raise
@@ -112,33 +113,45 @@ def _bytes(file: Path) -> bytes:
 
 def _scene(file: Path, data: bytes, folder: Folder) -> trimesh.Scene:
     kind = TYPES[file.suffix.lower()]
-    if kind == "glb":
-        _check_pictures(data, folder)
     options = {"split_objects": True} if kind == "obj" else {}
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what is wrong is seen below
+            data = _mended(data, folder) if kind == "glb" else data
             return trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=folder, process=False, **options)
     except Exception as error:  # noqa: BLE001  trimesh raises whatever its parsers meet
         cause = " ".join(str(error).split())[:200] or type(error).__name__
         raise DataError(f"{file} is no whole {kind.upper()} file ({cause}); save it again") from None
 
 
-def _check_pictures(data: bytes, folder: Folder) -> None:
-    """Note the pictures inside a GLB file that cannot be opened: trimesh would leave them out in silence."""
+def _mended(data: bytes, folder: Folder) -> bytes:
+    """A GLB file whose broken pictures are told and referred to the folder: trimesh would leave them out in silence."""
     try:
         (length,) = struct.unpack_from("<I", data, 12)
-        header, binary = json.loads(data[20 : 20 + length]), memoryview(data)[28 + length :]
+        header, rest = json.loads(data[20 : 20 + length]), data[20 + length :]
         inside = [(i, image) for i, image in enumerate(header.get("images", [])) if "bufferView" in image]
-        views = [(i, header["bufferViews"][image["bufferView"]]) for i, image in inside]
+        views = [header["bufferViews"][image["bufferView"]] for _, image in inside]
+        starts = [8 + view.get("byteOffset", 0) for view in views]  # after the head of the chunk
+        parts = [rest[start : start + view["byteLength"]] for start, view in zip(starts, views, strict=True)]
     except (struct.error, ValueError, LookupError, TypeError, AttributeError):
-        return  # trimesh will say that the file is broken
-    for i, view in views:
-        start = view.get("byteOffset", 0)
+        return data  # trimesh will say that the file is broken
+    for (i, image), part in zip(inside, parts, strict=True):
         try:
-            Image.open(io.BytesIO(binary[start : start + view["byteLength"]])).verify()
-        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-            folder.missing[f"image {i}"] = str(error).split(" <")[0]
+            Image.open(io.BytesIO(part)).verify()
+        except BROKEN as error:
+            del image["bufferView"]
+            image["uri"] = f"image {i}.png"
+            folder.missing[image["uri"]] = _cause(error)
+    if not folder.missing:
+        return data
+    text = json.dumps(header).encode()
+    text += b" " * (-len(text) % 4)
+    head = struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text) + len(rest), len(text), b"JSON")
+    return head + text + rest
+
+
+def _cause(error: Exception) -> str:
+    return str(getattr(error, "strerror", None) or error).split(" <")[0]
 
 
 def _all(file: Path, scene: trimesh.Scene, folder: Folder) -> Triangles:

@@ -425,7 +425,10 @@ def test_a_picture_inside_a_glb_that_cannot_be_opened_is_told(tmp_path):
     (tmp_path / "good.glb").write_bytes(data)
     (tmp_path / "bad.glb").write_bytes(data.replace(b"\x89PNG", b"\x00PNG"))
     assert read_mesh(tmp_path / "good.glb").notes == []
-    assert "grey stands in: 'image 0' (cannot identify" in read_mesh(tmp_path / "bad.glb").notes[0]
+    bad = read_mesh(tmp_path / "bad.glb")
+    assert "grey stands in: 'image 0.png' (cannot identify" in bad.notes[0]
+    assert np.all(bad.triangles.pictures[bad.triangles.picture[0]] == mesh_look.GREY)
+    assert len(bad.triangles) == 1
 
 
 def test_triangles_without_an_area_are_left_out_and_counted(write):
