@@ -61,11 +61,13 @@ class Embree:
     def trace(self, bundle: Bundle, T_world_camera: Floats) -> Hits:
         """What a bundle's rays meet from a pose (4, 4)."""
         R, at = T_world_camera[:3, :3].astype(np.float32), T_world_camera[:3, 3].astype(np.float32)
-        direction, origin = np.empty_like(bundle.direction), np.zeros_like(bundle.direction)
+        direction, origin = np.empty_like(bundle.direction), np.empty_like(bundle.direction)
         turn(bundle.direction, R, direction)
-        if bundle.origin is not None:
+        if bundle.origin is None:
+            origin[:] = at
+        else:
             turn(bundle.origin, R, origin)
-        origin += at
+            origin += at
         met = self.meet(origin, direction)
         return Hits(bundle.pixel, origin, direction, bundle.solid_angle, met["primID"], met["tfar"], met["u"], met["v"])
 

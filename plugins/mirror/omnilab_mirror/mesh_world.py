@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from omnilab.errors import DataError
 from omnilab_mirror.light import Light
 from omnilab_mirror.mesh_file import read_mesh
 from omnilab_mirror.triangles import Triangles
@@ -13,6 +14,7 @@ from omnilab_mirror.world import World
 
 # textures mostly hold their light; the rest lets surfaces without a texture keep their shape
 LIGHT = Light(0.85, [], skylight=0.15)
+LARGEST_M = 5000
 SKY = np.full((1, 1, 3), (190, 208, 230), np.uint8)
 
 
@@ -22,6 +24,11 @@ def world_of_mesh(file: Path) -> World:
     low, high = found.triangles.bounds
     middle = np.array([*(low + high)[:2] / 2, floor_height(found.triangles)])
     x, y, _ = high - low
+    if max(x, y) > LARGEST_M:
+        raise DataError(
+            f"{file} measures {x:.0f} x {y:.0f} m, a world may have {LARGEST_M} m; if it is in millimetres, name it in a"
+            " world file, with scale: 0.001"
+        )
     return World(
         digest=found.digest,
         map_m=(float(x), float(y)),
