@@ -16,6 +16,7 @@ from PIL import Image
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial, SimpleMaterial
 
+import omnilab_mirror
 from omnilab.api import GridPoses, PathPoses, RandomPoses
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses
@@ -168,8 +169,11 @@ def test_rays_start_where_a_camera_without_viewpoint_says():
 # ------------------------------------------------------------------------------------------------ the room, twice
 @pytest.fixture(scope="module")
 def room_files(tmp_path_factory):
-    """The shipped room's faces with their pictures, exported by trimesh as OBJ and GLB, in folders of their own."""
-    world, out = load_world("room"), {}
+    """The shipped room, coarser, and its faces exported by trimesh as OBJ and GLB, in folders of their own."""
+    text = (Path(omnilab_mirror.__file__).parent / "worlds/room.yaml").read_text()
+    coarse = tmp_path_factory.mktemp("faces") / "room.yaml"
+    coarse.write_text(re.sub(r"texels_per_m: \d+", "texels_per_m: 64", text))
+    world, out = load_world(str(coarse)), {"faces": str(coarse)}
     parts = halves(world.faces, world.pictures)
     for kind in ("obj", "glb"):
         folder, scene = tmp_path_factory.mktemp(kind), trimesh.Scene()
@@ -197,7 +201,7 @@ def room_files(tmp_path_factory):
 @pytest.mark.parametrize("kind", ["obj", "glb"])
 @pytest.mark.parametrize("color", [False, True], ids=["grey", "colour"])
 def test_the_room_as_faces_and_as_a_mesh_is_the_same_room(room_files, kind, color):
-    faces, mesh = load_world("room"), load_world(room_files[kind])
+    faces, mesh = load_world(room_files["faces"]), load_world(room_files[kind])
     T = Mirror().plan(RandomPoses(4, seed=3)).T_world_camera
     one, other = (render(world, HyperbolicMirror(), T, 4, color).astype(int) for world in (faces, mesh))
     difference = np.abs(one - other)
