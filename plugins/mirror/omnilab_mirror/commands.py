@@ -64,9 +64,12 @@ def _check(name: str, variant: str | None) -> int:
 
 
 def _summary(world: World) -> Iterator[str]:
+    yield from world.notes
     texels = sum(float(np.linalg.norm(np.cross(face.u, face.v))) for face in world.faces) * world.texels_per_m**2
     names = Counter({face.seed[0]: face.name for face in world.faces}.values())
-    yield f"{len(world.faces)} faces, {texels / 1e6:.1f} million texels, {len(world.light.lamps)} lamps"
+    triangles = sum(len(mesh.corners) for mesh in world.meshes)
+    meshes = f", {triangles} triangles" if triangles else ""
+    yield f"{len(world.faces)} faces{meshes}, {texels / 1e6:.1f} million texels, {len(world.light.lamps)} lamps"
     for area in world.areas:
         x, y, z = area.high - area.low
         yield f"{area.name}: {x:g} x {y:g} m" + (f", {z:g} m high" if z < 500 else "")

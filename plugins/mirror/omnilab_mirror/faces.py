@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import combinations
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +12,9 @@ import numpy.typing as npt
 from omnilab.api import Floats
 from omnilab_mirror.canvas import Paint
 from omnilab_mirror.reader import Section
+
+if TYPE_CHECKING:
+    from omnilab_mirror.mesh_file import MeshFile
 
 Bools = npt.NDArray[np.bool_]
 
@@ -97,6 +100,7 @@ class Model:
     solids: list[Solid] = field(default_factory=list)
     areas: list[Area] = field(default_factory=list)
     room: Floats | None = None  # (2, 3): lowest and highest corner of the one that panels hang in
+    meshes: list[MeshFile] = field(default_factory=list)  # where they stand
 
     def box(
         self, place: Place, low: Any, high: Any, paint: Paint, front: Paint | None = None, top: Paint | None = None

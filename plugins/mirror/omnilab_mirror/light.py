@@ -40,6 +40,7 @@ class Light:
     ambient: float
     lamps: list[Lamp]
     shadows: bool = True
+    skylight: float = 0.0  # added to the ambient light of what faces the sky, taken from what faces away
 
     def on(self, faces: list[Face], spacing_m: float) -> list[Floats]:
         """Brightness (rows, columns) of each face on a lattice about `spacing_m` wide, its nodes in its cells' middles.

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from omnilab.errors import DataError
 from omnilab_mirror.architecture import area, building, cylinder, door, tree, wall
 from omnilab_mirror.faces import Area, Face, Model, Place, name_of, place_of
 from omnilab_mirror.reader import Section
@@ -120,6 +121,25 @@ def face(s: Section, model: Model) -> None:
     model.faces.append(Face(corners[0], u, v, paint_of(s, "texture", model.paints)))
 
 
+def mesh(s: Section, model: Model) -> None:
+    """A mesh file (.obj, .glb, .ply) beside or below the world file: `at` (x, y) of its origin, `scale` to metres, `up`."""
+    from omnilab_mirror.mesh_file import read_mesh
+
+    name, place, scale = s.word("file"), place_of(s), s.number("scale", 1.0, 1e-6, 1e6)
+    folder = s.file.parent.resolve()
+    file = (folder / name).resolve()
+    if not file.is_relative_to(folder):
+        raise s.invalid("file", name, "a file in the folder of the world file, or below it; move the mesh there")
+    try:
+        found = read_mesh(file, s.choice("up", ("y", "z")) if "up" in s else None)
+    except DataError as error:
+        raise s.wrong(f"has a mesh that cannot be used: {error}") from None
+    triangles = found.triangles.moved(scale * place.rotation, place.at)
+    if "name" in s:
+        triangles = replace(triangles, names=[s.word("name")] * len(triangles.names))
+    model.meshes.append(replace(found, triangles=triangles))
+
+
 OBJECTS: dict[str, Callable[[Section, Model], None]] = {
     "area": area,
     "box": box,
@@ -128,6 +148,7 @@ OBJECTS: dict[str, Callable[[Section, Model], None]] = {
     "cylinder": cylinder,
     "door": door,
     "face": face,
+    "mesh": mesh,
     "panel": panel,
     "plant": plant,
     "room": room,

@@ -17,6 +17,8 @@ def render(
     world: World, camera: RayCamera, T_world_camera: npt.NDArray[Any], samples: int, color: bool
 ) -> npt.NDArray[np.uint8]:
     """Images (N, H, W) or (N, H, W, 3) from poses (N, 4, 4), each pixel the mean of `samples` rays."""
+    if world.meshes:
+        return world.embree.images(camera, T_world_camera, samples, color)
     atlas = world.color if color else world.gray
     corner = np.array([face.corner for face in world.faces])
     edges = np.array([(face.u, face.v) for face in world.faces])

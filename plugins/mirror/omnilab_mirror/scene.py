@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from omnilab.api import Mesh
 from omnilab_mirror.faces import Face
+from omnilab_mirror.triangles import joined
 from omnilab_mirror.world import World
 
 CELL_M = 0.25
@@ -15,7 +16,25 @@ MAX_CELLS = 16
 
 
 def mesh_of(world: World) -> Mesh:
-    """Two triangles for each cell of a face, coloured by its picture; what is overhead is left out."""
+    """Two triangles for each cell of a face, coloured by its picture; meshes simplified; what is overhead is left out."""
+    if not world.meshes:
+        return _mesh_of_faces(world)
+    from omnilab_mirror.simplify import simplified
+
+    meshes = [simplified(joined(world.meshes))]
+    return _together([*meshes, _mesh_of_faces(world)] if world.faces else meshes)
+
+
+def _together(meshes: list[Mesh]) -> Mesh:
+    first = np.cumsum([0, *(len(mesh.vertices_m) for mesh in meshes)])
+    return Mesh(
+        np.concatenate([mesh.vertices_m for mesh in meshes]),
+        np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, first, strict=False)]),
+        np.concatenate([mesh.colors for mesh in meshes]),
+    )
+
+
+def _mesh_of_faces(world: World) -> Mesh:
     shown = [(face, picture) for face, picture in zip(world.faces, world.pictures, strict=True) if not face.overhead]
     vertices, triangles, colors, count = [], [], [], 0
     for face, picture in shown:

@@ -21,7 +21,7 @@ FRAME_NS = 100_000_000
 class VirtualCamera(ABC):
     """Images a virtual world from any pose. What a subclass adds is its camera model."""
 
-    world: str = "room"  # a shipped world's name, or the path of a file
+    world: str = "room"  # a shipped world's name, or the path of a YAML or mesh file (.obj, .glb, .ply)
     variant: str | None = None  # of the world: one that its file names, with another light or other objects
     color: bool = False  # RGB rather than grey
     samples: int = 4  # rays a pixel: 1, 4, 9, ... against jagged edges

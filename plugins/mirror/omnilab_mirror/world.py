@@ -1,14 +1,14 @@
-"""Virtual worlds: YAML files, read into faces with pictures that hold texture and light."""
+"""Virtual worlds: YAML files, read into faces with pictures that hold texture and light, and mesh files."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import cv2
 import numpy as np
@@ -24,11 +24,16 @@ from omnilab_mirror.objects import add_object
 from omnilab_mirror.paths import Route, route
 from omnilab_mirror.reader import read, suggestion
 from omnilab_mirror.textures import paint, sky_of
+from omnilab_mirror.triangles import Triangles, halves, joined
 from omnilab_mirror.variants import content
+
+if TYPE_CHECKING:
+    from omnilab_mirror.embree import Embree
 
 CLEARANCE_M = 0.05
 MAX_TEXELS = 40_000_000
 LATTICE_TEXELS = 5  # light is computed on a lattice this wide, and interpolated
+MESH_FILES = (".obj", ".glb", ".ply", ".gltf", ".stl", ".off", ".dae", ".fbx", ".usd", ".usdz", ".blend", ".3ds")
 GREY = Paint(lambda canvas: canvas.filled([128.0, 128.0, 128.0]))  # stands for a texture that cannot be read
 T = TypeVar("T")
 
@@ -50,7 +55,9 @@ class World:
     )
     paths: dict[str, Route] = field(default_factory=dict)
     variants: tuple[str, ...] = ()
-    files: tuple[tuple[Path, int], ...] = ()  # pictures that it names, and when they were changed
+    meshes: list[Triangles] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)  # what is wrong with the mesh files and was mended
+    sources: dict[Path, tuple[int, int]] = field(default_factory=dict)  # the other files it is made of, `stamp_of` each
 
     def obstacles(self, points: Floats, on_floor: bool = False) -> list[str]:
         """What each viewpoint (N, 3) is in the way of: "inside 'table'", "outside the room", or "" where it is free.
@@ -65,6 +72,11 @@ class World:
         if self.areas:
             within = np.any([area.holds(points, CLEARANCE_M) for area in self.areas], axis=0)
             found[~within] = "outside " + " and ".join(sorted({f"the {area.name}" for area in self.areas}))
+        if self.meshes:
+            from omnilab_mirror.free_space import mesh_obstacles
+
+            free = found == ""
+            found[free] = mesh_obstacles(self.embree, points[free], on_floor, CLEARANCE_M)
         return list(found)
 
     @cached_property
@@ -83,6 +95,14 @@ class World:
         """The pictures at all resolutions."""
         return build_atlas(self.pictures, color=True)
 
+    @cached_property
+    def embree(self) -> Embree:
+        """Meshes and faces as triangles, ready for rays."""
+        from omnilab_mirror.embree import Embree
+
+        faces = [halves(self.faces, self.pictures)] if self.faces else []
+        return Embree(joined([*self.meshes, *faces]), self.light, self.sky)
+
     def _picture(self, face: Face, brightness: Floats) -> Bytes:
         width, height = float(np.linalg.norm(face.u)), float(np.linalg.norm(face.v))
         shape = (max(2, round(height * self.texels_per_m)), max(2, round(width * self.texels_per_m)))
@@ -100,33 +120,73 @@ def shipped() -> dict[str, Path]:
 
 
 def load_world(world: str, variant: str | None = None) -> World:
-    """A world that is shipped, by name, or the one in a YAML file; as it is, or in one of its variants."""
-    file, data = _read(world)
-    loaded = _load(file, data, variant)
-    if loaded.files != _stamps([path for path, _ in loaded.files]):
+    """A world that is shipped, by name, or the one in a YAML or mesh file; as it is, or in one of its variants.
+
+    It is kept until one of its files changes.
+    """
+    file = file_of(world)
+    kept = _kept(file, variant)
+    if kept.sources != stamps_of(kept.sources):
         _load.cache_clear()
-        loaded = _load(file, data, variant)
-    return loaded
+        _mesh.cache_clear()
+        kept = _kept(file, variant)
+    return kept
+
+
+def _kept(file: Path, variant: str | None) -> World:
+    if file.suffix.lower() not in MESH_FILES:
+        return _load(file, _bytes(file), variant)
+    if variant is not None:
+        raise ConfigError(f"variant={variant!r} of {file} does not exist: a mesh file has none; give variant=null")
+    return _mesh(file, stamp_of(file))
 
 
 def problems_of(world: str, variant: str | None = None) -> tuple[World | None, list[DataError]]:
     """The world, where it can be built in spite of them, and all that is wrong with its file."""
     problems: list[DataError] = []
+    file = file_of(world)
     try:
-        return _build(*_read(world), variant, problems), problems
+        if file.suffix.lower() in MESH_FILES:
+            return load_world(world, variant), problems
+        return _build(file, _bytes(file), variant, problems), problems
     except DataError as error:
         return None, [*problems, error]
 
 
-def _read(world: str) -> tuple[Path, bytes]:
+def file_of(world: str) -> Path:
+    """The file of a world; ConfigError if there is none."""
     file = shipped().get(world, Path(world))
-    try:
-        return file, file.read_bytes()
-    except OSError as error:
+    if not file.is_file():
         raise ConfigError(
-            f"world={world!r} cannot be read ({error.strerror}); give the path of a YAML file or a name: "
-            + suggestion(world, shipped())
-        ) from None
+            f"world={world!r} cannot be read (there is no such file); give the path of a YAML or mesh file or a name: {suggestion(world, shipped())}"
+        )
+    return file
+
+
+def _bytes(file: Path) -> bytes:
+    try:
+        return file.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{file} cannot be read ({error.strerror}); give the path of a YAML or mesh file") from None
+
+
+def stamp_of(file: Path) -> tuple[int, int]:
+    """When a file was changed, and its size; zeros where there is none."""
+    if not file.is_file():
+        return 0, 0
+    return file.stat().st_mtime_ns, file.stat().st_size
+
+
+def stamps_of(paths: Iterable[Path]) -> dict[Path, tuple[int, int]]:
+    """The stamps of files."""
+    return {path: stamp_of(path) for path in paths}
+
+
+@lru_cache(maxsize=2)
+def _mesh(file: Path, stamp: tuple[int, int]) -> World:  # noqa: ARG001  another time is another mesh
+    from omnilab_mirror.mesh_world import world_of_mesh
+
+    return world_of_mesh(file)
 
 
 @lru_cache(maxsize=4)
@@ -153,13 +213,15 @@ def _build(file: Path, data: bytes, variant: str | None, problems: list[DataErro
         _try(problems, add_object, entry, number, model)
     routes = {name: _try(problems, route, path) for name, path in paths.items()}
     texels = sum(float(np.linalg.norm(np.cross(face.u, face.v))) for face in model.faces) * density**2
-    if not problems and (not model.faces or texels > MAX_TEXELS):
+    if not problems and (not (model.faces or model.meshes) or texels > MAX_TEXELS):
         raise DataError(
             f"{file} needs {texels:.0f} texels; a world needs a face, and up to {MAX_TEXELS} texels: set texels_per_m"
         )
     named = images_of(textures.values()) if not problems else []
+    pictures = [path.read_bytes() for path in named]
+    meshes = [mesh.digest.encode() for mesh in model.meshes]
     return World(
-        _digest([data, repr(variant).encode(), *(path.read_bytes() for path in named)]),
+        _digest([data, repr(variant).encode(), *pictures, *meshes]),
         (x, y),
         model.faces,
         model.solids,
@@ -170,7 +232,9 @@ def _build(file: Path, data: bytes, variant: str | None, problems: list[DataErro
         _try(problems, sky_of, inside.sky, textures) if inside.sky else None,
         {name: found for name, found in routes.items() if found},
         tuple(s.named("variants")),
-        _stamps(named),
+        [mesh.triangles for mesh in model.meshes],
+        [note for mesh in model.meshes for note in mesh.notes],
+        stamps_of(named) | {path: stamp for mesh in model.meshes for path, stamp in mesh.sources.items()},
     )
 
 
@@ -187,7 +251,3 @@ def _digest(parts: list[bytes]) -> str:
     for part in parts:
         digest.update(len(part).to_bytes(8, "little") + part)
     return digest.hexdigest()
-
-
-def _stamps(paths: list[Path]) -> tuple[tuple[Path, int], ...]:
-    return tuple((path, path.stat().st_mtime_ns if path.exists() else 0) for path in paths)

@@ -241,11 +241,12 @@ def test_the_reference_names_every_kind_and_every_key(monkeypatch, tmp_path):
         assert row, f"docs/worlds.md has no row for {kind}"
         assert key in common or f"`{key}`" in row[1], f"docs/worlds.md does not name {key} of {kind}"
         checked.add(kind)
-    assert set(OBJECTS) - {"face"} | {f"texture {kind}" for kind in TEXTURES} - {"texture image"} <= checked | {
+    assert set(OBJECTS) - {"face", "mesh"} | {f"texture {kind}" for kind in TEXTURES} - {"texture image"} <= checked | {
         "texture books"
     }
     assert "| `image` |" in textures
     assert "| `face` |" in objects
+    assert "| `mesh` |" in objects
 
 
 def test_the_reference_s_example_is_a_world(write):
