@@ -22,7 +22,9 @@ from omnilab.cameras import (
 from omnilab.errors import ConfigError, DataError
 from omnilab.lenses import FisheyeCamera, PinholeCamera, UnifiedCamera
 from omnilab.mirrors import EIZOH_WIDE_70, THESIS_HALF, THESIS_WHOLE, HyperbolicMirror, ParabolicMirror
+from omnilab.noncentral import ConicalMirror, EllipticMirror, SphericalMirror
 from omnilab.ocam import OCamCamera
+from omnilab.stereo import StereoCamera
 
 __all__ = [
     "EIZOH_WIDE_70",
@@ -30,7 +32,9 @@ __all__ = [
     "THESIS_HALF",
     "THESIS_WHOLE",
     "CentralCamera",
+    "ConicalMirror",
     "CylindricalCamera",
+    "EllipticMirror",
     "EquirectangularCamera",
     "FisheyeCamera",
     "HyperbolicMirror",
@@ -39,6 +43,8 @@ __all__ = [
     "ParabolicMirror",
     "PinholeCamera",
     "RayCamera",
+    "SphericalMirror",
+    "StereoCamera",
     "UnifiedCamera",
     "encode",
     "load_camera",
