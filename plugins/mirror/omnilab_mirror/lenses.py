@@ -23,7 +23,7 @@ class Pinhole(VirtualCamera):
     """Images a virtual world with a conventional camera, by default one that looks ahead along the camera frame's +x."""
 
     width: int = 320  # pixels
-    height: int = 240
+    height: int = 240  # pixels
     focal_px: float = 200.0  # focal length in pixels
     looks: str = "ahead"  # or up, down
 
@@ -41,7 +41,7 @@ class Stereo(VirtualCamera):
     """
 
     width: int = 640  # pixels of both halves together
-    height: int = 240
+    height: int = 240  # pixels
     focal_px: float = 200.0  # focal length in pixels
     baseline_m: float = 0.12  # from one camera to the other
 
@@ -72,17 +72,17 @@ class Unified(VirtualCamera):
     """Images a virtual world with any central camera of the unified model (Mei & Rives, 2007): K, xi and distortion."""
 
     width: int = 250  # pixels
-    height: int = 250
-    fx: float = 40.0  # pixels; with cx, cy and skew the matrix K
-    fy: float = 40.0
-    cx: float = 124.5
-    cy: float = 124.5
+    height: int = 250  # pixels
+    fx: float = 40.0  # focal length along u in pixels
+    fy: float = 40.0  # and along v
+    cx: float = 124.5  # where the axis meets the image, in pixels
+    cy: float = 124.5  # pixels
     xi: float = 0.9  # 0: a pinhole; 1: a parabolic mirror
-    skew: float = 0.0
-    k1: float = 0.0  # distortion along the radius
-    k2: float = 0.0
-    p1: float = 0.0  # and aside
-    p2: float = 0.0
+    skew: float = 0.0  # pixels of u for each unit of y
+    k1: float = 0.0  # distortion along the radius, by its square
+    k2: float = 0.0  # and by its fourth power
+    p1: float = 0.0  # distortion aside, mostly along v
+    p2: float = 0.0  # mostly along u
     looks: str = "down"  # or up, ahead
     rim_px: float | None = 124.5  # radius of the circle that shows the world; null: as far as frame and model reach
 

@@ -13,7 +13,7 @@ class Cylindrical(VirtualCamera):
     """Images a virtual world on a cylinder: rows are spaced evenly in the tangent of the elevation."""
 
     width: int = 512  # pixels
-    height: int = 128
+    height: int = 128  # pixels
     lowest_deg: float = -38.0  # elevation of the bottom edge
     highest_deg: float = 38.0  # elevation of the top edge
     start_deg: float = 0.0  # azimuth of column 0
@@ -32,7 +32,7 @@ class Equirectangular(VirtualCamera):
     """Images a virtual world on the unit sphere: rows are spaced evenly in elevation."""
 
     width: int = 512  # pixels
-    height: int = 256
+    height: int = 256  # pixels
     lowest_deg: float = -90.0  # elevation of the bottom edge
     highest_deg: float = 90.0  # elevation of the top edge
     start_deg: float = 0.0  # azimuth of column 0

@@ -174,19 +174,20 @@ def nearest(x: float, y: float, z: float, rows: Array, limit: Array, count: int)
 
 @compiled
 def nearest_around(
-    ray: Array, start: Array, rows: Array, limit: Array, count: int
+    x: float, y: float, z: float, ox: float, oy: float, oz: float, rows: Array, limit: Array, count: int
 ) -> tuple[int, float, float, float, float]:
-    """The same for a ray that starts at (3,), with `count` faces (C, 12); last, its start's distance from their plane."""
+    """The same for a ray that starts at (ox, oy, oz), with faces (C, 12); last, its start's distance from the plane hit."""
     hit, best, b1, b2, off = -1, 0.0, 0.0, 0.0, 1.0
     for k in range(count):
         if limit[k] <= best:
             break
-        row = rows[k]
-        apart = row[3] - dot(row[0:3], start)
-        w = dot(row[0:3], ray) / apart if apart != 0 else 0.0
+        apart = rows[k, 3] - (rows[k, 0] * ox + rows[k, 1] * oy + rows[k, 2] * oz)
+        w = (rows[k, 0] * x + rows[k, 1] * y + rows[k, 2] * z) / apart if apart != 0 else 0.0
         if w > best:
-            a1 = dot(row[4:7], ray) + w * (dot(row[4:7], start) - row[7])
-            a2 = dot(row[8:11], ray) + w * (dot(row[8:11], start) - row[11])
+            o1 = rows[k, 4] * ox + rows[k, 5] * oy + rows[k, 6] * oz - rows[k, 7]
+            o2 = rows[k, 8] * ox + rows[k, 9] * oy + rows[k, 10] * oz - rows[k, 11]
+            a1 = rows[k, 4] * x + rows[k, 5] * y + rows[k, 6] * z + w * o1
+            a2 = rows[k, 8] * x + rows[k, 9] * y + rows[k, 10] * z + w * o2
             if -EDGE <= a1 <= w + EDGE and -EDGE <= a2 <= w + EDGE:
                 hit, best, b1, b2, off = k, w, a1, a2, abs(apart)
     t = 1 / best
@@ -214,9 +215,11 @@ def first_hit(
     rays: Array, starts: Array | None, v: int, u: int, s: int, rows: Array, limit: Array, count: int
 ) -> tuple[int, float, float, float, float]:
     """What `nearest_around` tells, of one of the rays that start there or, with None, in the viewpoint."""
+    dx, dy, dz = rays[v, u, s, 0], rays[v, u, s, 1], rays[v, u, s, 2]
     if starts is not None:
-        return nearest_around(rays[v, u, s], starts[v, u, s], rows, limit, count)
-    k, t, x, y = nearest(rays[v, u, s, 0], rays[v, u, s, 1], rays[v, u, s, 2], rows, limit, count)
+        ox, oy, oz = starts[v, u, s, 0], starts[v, u, s, 1], starts[v, u, s, 2]
+        return nearest_around(dx, dy, dz, ox, oy, oz, rows, limit, count)
+    k, t, x, y = nearest(dx, dy, dz, rows, limit, count)
     return k, t, x, y, 1.0
 
 

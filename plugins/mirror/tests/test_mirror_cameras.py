@@ -193,18 +193,18 @@ def test_rays_around_a_viewpoint_hit_what_brute_force_hits(camera, seed, count):
 def test_a_face_in_whose_plane_the_viewpoint_lies_is_seen_by_rays_around_it():
     """A table top at the height of a ball's lowest point: rays start above it and look down on it."""
     table = Face(np.array([0.06, -1, 1]), np.array([2.0, 0, 0]), np.array([0, 2.0, 0]), painted([200, 200, 200]))
-    camera = SphericalMirror(size=1001)
+    camera = SphericalMirror(size=501)
     image = render(world_of([table]), camera, planar_poses([0, 0, 1.0]), 1, color=False)[0]
     near, far = camera.project(np.array([[0.06, 0, 0], [1.9, 0, 0]]))
-    assert near[0] + 10 < far[0]
-    assert image[500, round(near[0]) + 2 : round(far[0])].min() == 200
-    assert image[500, : round(near[0]) - 2].max() == 0
+    assert near[0] + 6 < far[0]
+    assert image[250, round(near[0]) + 2 : round(far[0])].min() == 200
+    assert image[250, : round(near[0]) - 2].max() == 0
 
 
 def test_a_ball_sees_corners_where_its_model_says():
     dots = np.array([[0.4, 0.1, 0.8], [-0.3, 0.4, 1.05], [0.1, -0.25, 0.9]])  # so near that the rays' starts matter
-    side = 0.004
-    camera, T = SphericalMirror(size=1000), planar_poses([0, 0, 1.0], 0.6)
+    side = 0.02
+    camera, T = SphericalMirror(size=300), planar_poses([0, 0, 1.0], 0.6)
     for dot in dots:
         toward = np.array([0, 0, 1.0]) - dot
         u = np.cross(toward, [0, 0, 1.0])
@@ -216,8 +216,8 @@ def test_a_ball_sees_corners_where_its_model_says():
         weights = image[v_px, u_px]
         found = np.average(u_px, weights=weights), np.average(v_px, weights=weights)
         local = (dot - T[0, :3, 3]) @ T[0, :3, :3]
-        assert np.allclose(found, camera.project(local), atol=0.1)
-        assert np.abs(camera.project(local) - camera.pixels(local)).max() > 1  # it has no viewpoint
+        assert np.allclose(found, camera.project(local), atol=0.15)
+        assert np.abs(camera.project(local) - camera.pixels(local)).max() > 0.5  # it has no viewpoint
 
 
 def test_a_stereo_picture_is_two_pictures():
