@@ -13,19 +13,25 @@ from omnilab.cameras import CylindricalCamera, EquirectangularCamera, RayCamera
 from omnilab.errors import ConfigError, DataError, did_you_mean
 from omnilab.lenses import FisheyeCamera, PinholeCamera, UnifiedCamera
 from omnilab.mirrors import HyperbolicMirror, ParabolicMirror
+from omnilab.noncentral import ConicalMirror, EllipticMirror, SphericalMirror
 from omnilab.ocam import OCamCamera
+from omnilab.stereo import StereoCamera
 
 LARGEST_FILE = 2**20  # bytes
 MODELS: dict[str, type[Any]] = {
     model.__name__: model
     for model in (
+        ConicalMirror,
         CylindricalCamera,
+        EllipticMirror,
         EquirectangularCamera,
         FisheyeCamera,
         HyperbolicMirror,
         OCamCamera,
         ParabolicMirror,
         PinholeCamera,
+        SphericalMirror,
+        StereoCamera,
         UnifiedCamera,
     )
 }

@@ -173,17 +173,30 @@ class PanoramaCamera(CentralCamera):
 
 @dataclass(frozen=True)
 class EquirectangularCamera(PanoramaCamera):
-    """The whole sphere: rows are spaced evenly in elevation, from +90 degrees at the top edge to -90 at the bottom."""
+    """The sphere, or a range of its elevations: rows are spaced evenly in elevation, the highest at the top edge."""
+
+    lowest_deg: float = -90.0  # elevation of the bottom edge
+    highest_deg: float = 90.0  # elevation of the top edge
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not -90 <= self.lowest_deg < self.highest_deg <= 90:
+            raise ConfigError(
+                f"a sphere has no elevations from {self.lowest_deg:g} to {self.highest_deg:g} degrees;"
+                " give lowest_deg below highest_deg, both from -90 to 90"
+            )
 
     @property
     def elevations_rad(self) -> tuple[float, float]:
-        return -np.pi / 2, np.pi / 2
+        return float(np.deg2rad(self.lowest_deg)), float(np.deg2rad(self.highest_deg))
 
     def _elevation(self, share: Floats) -> Floats:
-        return np.pi * (0.5 - share)
+        bottom, top = self.elevations_rad
+        return top - share * (top - bottom)
 
     def _share(self, elevation_rad: Floats) -> Floats:
-        return 0.5 - elevation_rad / np.pi
+        bottom, top = self.elevations_rad
+        return (top - elevation_rad) / (top - bottom)
 
 
 @dataclass(frozen=True)

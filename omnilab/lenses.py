@@ -21,6 +21,7 @@ import numpy as np
 
 from omnilab.api import Circle, Floats
 from omnilab.cameras import CentralCamera, check_frame, polar_pixels
+from omnilab.distortion import distorted, radial, turning_radius, undistorted
 from omnilab.errors import ConfigError
 
 AXES = {  # columns: right, down and forward in the camera frame
@@ -112,31 +113,51 @@ class AxialCamera(CentralCamera):
 class UnifiedCamera(AxialCamera):
     """The unified model of central catadioptric cameras (Geyer & Daniilidis, 2000; Barreto & Araujo, 2001).
 
-    Axes and K are those of Mei & Rives (2007), without their lens distortion. A unit direction (X, Y, Z) = (right, down, forward) appears at
-    K (X / (Z + xi), Y / (Z + xi), 1). xi is 0 for a pinhole, 1 for a parabolic mirror and 2 c b / (b^2 + c^2) for the hyperbolic mirror of
-    `omnilab.projection`.
+    Axes, K and the lens distortion are those of Mei & Rives (2007). A unit direction (X, Y, Z) = (right, down, forward) appears at
+    K D(X / (Z + xi), Y / (Z + xi), 1), where D distorts by k1, k2 along the radius and by p1, p2 aside. xi is 0 for a pinhole, 1 for a
+    parabolic mirror and 2 c b / (b^2 + c^2) for the hyperbolic mirror of `omnilab.projection`.
     """
 
     fx: float
     fy: float
     xi: float
     skew: float = 0.0
+    k1: float = 0.0
+    k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
 
     def __post_init__(self) -> None:
         if not (min(self.fx, self.fy) > 0 and self.xi >= 0):
             raise ConfigError(
                 f"fx={self.fx:g}, fy={self.fy:g}, xi={self.xi:g} is no camera; give fx, fy > 0 and xi >= 0"
             )
+        if not np.isfinite(self._distortion).all():
+            raise ConfigError(f"a distortion by k1, k2, p1, p2 = {self._distortion} is none; give finite numbers")
         super().__post_init__()
 
     @property
     def _reach_px(self) -> float:
-        """Where lines of sight graze the sphere, with xi above 1."""
-        return min(self.fx, self.fy) / np.sqrt(self.xi**2 - 1) if self.xi > 1 else np.inf
+        radius = self._reach
+        if radius == np.inf:
+            return np.inf
+        return min(self.fx, self.fy) * radius * float(radial(np.array(radius**2), self.k1, self.k2))
+
+    @property
+    def _reach(self) -> float:
+        """The radius before distortion where lines of sight graze the sphere (xi above 1), or distortion stops growing."""
+        grazing = 1 / np.sqrt(self.xi**2 - 1) if self.xi > 1 else np.inf
+        return float(min(grazing, turning_radius(self.k1, self.k2)))
+
+    @property
+    def _distortion(self) -> tuple[float, float, float, float]:
+        return self.k1, self.k2, self.p1, self.p2
 
     def _rays(self, offset: Floats) -> Floats:
         y = offset[..., 1] / self.fy
         x = (offset[..., 0] - self.skew * y) / self.fx
+        if any(self._distortion):
+            x, y = np.moveaxis(undistorted(np.stack([x, y], -1), self._distortion), -1, 0)
         r2 = x**2 + y**2
         with np.errstate(invalid="ignore"):
             scale = (self.xi + np.sqrt(1 + (1 - self.xi**2) * r2)) / (1 + r2)
@@ -146,10 +167,15 @@ class UnifiedCamera(AxialCamera):
         X, Y, Z = np.moveaxis(rays, -1, 0)
         grazing = -min(self.xi, 1 / max(self.xi, 1e-12))
         depth = np.where(grazing < Z, Z + self.xi, np.nan)
+        if any(self._distortion):
+            plane = np.stack([X, Y], -1) / depth[..., None]
+            plane[np.hypot(plane[..., 0], plane[..., 1]) > self._reach] = np.nan
+            X, Y = np.moveaxis(distorted(plane, self._distortion), -1, 0)
+            depth = np.ones_like(X)
         return np.stack([(self.fx * X + self.skew * Y) / depth, self.fy * Y / depth], -1)
 
     def flipped(self) -> Self:
-        return replace(super().flipped(), skew=-self.skew)
+        return replace(super().flipped(), skew=-self.skew, p2=-self.p2)
 
 
 @dataclass(frozen=True, kw_only=True)

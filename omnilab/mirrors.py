@@ -1,5 +1,7 @@
 """Mirrors with one viewpoint, each with a camera below that looks up along the axis, and those that people have built.
 
+`MirrorCamera` is also the base of the mirrors without one, in `omnilab.noncentral`.
+
 Conventions are those of `omnilab.api`: a camera that looks up takes pictures with azimuth running clockwise, these
 models are of the pictures flipped left to right.
 """
@@ -11,14 +13,15 @@ from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
+import numpy.typing as npt
 
 from omnilab.api import Circle, Floats
-from omnilab.cameras import CentralCamera, azimuth_elevation, polar_pixels
+from omnilab.cameras import CentralCamera, RayCamera, azimuth_elevation, polar_pixels
 from omnilab.errors import ConfigError
 
 
 @dataclass(frozen=True)
-class MirrorCamera(CentralCamera):
+class MirrorCamera(RayCamera):
     """A mirror in the middle of the image; `crop` is the share of its diameter that the image's height shows."""
 
     size: int = 250  # the image's height in pixels, and its width less the margins
@@ -64,8 +67,7 @@ class MirrorCamera(CentralCamera):
     def directions(self, pixels: Floats) -> Floats:
         x = np.asarray(pixels)[..., 0] - self.circle.cx
         y = self.circle.cy - np.asarray(pixels)[..., 1]
-        beyond = x**2 + y**2 > (self.circle.radius + 1e-9) ** 2
-        return np.where(beyond[..., None], np.nan, self._directions(x, y))
+        return np.where(self._beyond(x, y)[..., None], np.nan, self._directions(x, y))
 
     def pixels(self, directions: Floats) -> Floats:
         azimuth, elevation = azimuth_elevation(directions)
@@ -77,6 +79,10 @@ class MirrorCamera(CentralCamera):
         """Itself: the mirror is in the middle of the image."""
         return self
 
+    def _beyond(self, x: Floats, y: Floats) -> npt.NDArray[np.bool_]:
+        """Which pixels right of and above the axis lie beyond the rim."""
+        return np.asarray(x**2 + y**2 > (self.circle.radius + 1e-9) ** 2)
+
     @abstractmethod
     def _directions(self, x: Floats, y: Floats) -> Floats:
         """Unit directions at pixels right of and above the axis; anything beyond the rim."""
@@ -87,7 +93,7 @@ class MirrorCamera(CentralCamera):
 
 
 @dataclass(frozen=True)
-class HyperbolicMirror(MirrorCamera):
+class HyperbolicMirror(MirrorCamera, CentralCamera):
     """A perspective camera that looks up into a hyperbolic mirror (Berenguer, thesis, eq. 3.1-3.6).
 
     The mirror is the upper sheet of (x^2 + y^2) / a^2 - z^2 / b^2 = -1; the camera's focus and the effective viewpoint
@@ -135,7 +141,7 @@ class HyperbolicMirror(MirrorCamera):
 
 
 @dataclass(frozen=True)
-class ParabolicMirror(MirrorCamera):
+class ParabolicMirror(MirrorCamera, CentralCamera):
     """An orthographic camera that looks up into a parabolic mirror (Nayar, 1997; named in Berenguer's thesis, 3.2).
 
     The mirror is z = (x^2 + y^2) / 2h - h / 2 with its focus, the viewpoint, at the origin: it has the radius h where it

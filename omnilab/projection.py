@@ -22,8 +22,10 @@ from omnilab.cameras import (
 from omnilab.errors import ConfigError, DataError
 from omnilab.lenses import FisheyeCamera, PinholeCamera, UnifiedCamera
 from omnilab.mirrors import EIZOH_WIDE_70, THESIS_HALF, THESIS_WHOLE, HyperbolicMirror, ParabolicMirror
+from omnilab.noncentral import ConicalMirror, EllipticMirror, SphericalMirror
 from omnilab.ocam import OCamCamera
 from omnilab.resample import birds_eye, reproject
+from omnilab.stereo import StereoCamera
 
 __all__ = [
     "EIZOH_WIDE_70",
@@ -31,7 +33,9 @@ __all__ = [
     "THESIS_HALF",
     "THESIS_WHOLE",
     "CentralCamera",
+    "ConicalMirror",
     "CylindricalCamera",
+    "EllipticMirror",
     "EquirectangularCamera",
     "FisheyeCamera",
     "HyperbolicMirror",
@@ -40,6 +44,8 @@ __all__ = [
     "ParabolicMirror",
     "PinholeCamera",
     "RayCamera",
+    "SphericalMirror",
+    "StereoCamera",
     "UnifiedCamera",
     "birds_eye",
     "encode",

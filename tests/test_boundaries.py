@@ -20,9 +20,9 @@ PLUGINS = sorted(path.parent for path in (ROOT / "plugins").glob("*/pyproject.to
 CONTRACT = {"", "api", "errors", "geometry", "hooks", "metrics", "projection", "testing"}  # "": omnilab itself
 LAYERS = (  # a module of omnilab imports from the layers before its own
     {"api", "errors", "geometry", "hooks"},
-    {"cameras"},
+    {"cameras", "distortion"},
     {"lenses", "mirrors"},
-    {"ocam"},
+    {"noncentral", "ocam", "stereo"},
     {"calibration", "resample"},
     {"", "console", "metrics", "projection"},
     {"logbook", "record", "registry"},

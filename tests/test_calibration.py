@@ -51,7 +51,7 @@ GOOD = {"model": "PinholeCamera", **FRAME, "focal_px": 400}
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"model": "Pinhole"}, "the model 'Pinhole'; give one of CylindricalCamera"),
+        ({"model": "Pinhole"}, "the model 'Pinhole'; give one of ConicalMirror"),
         ({"focal": 3}, r"unknown key 'focal' \(did you mean focal_px\?\)"),
         ({"focal_px": "long"}, "focal_px='long'; write a value of type float"),
         ({"focal_px": True}, "focal_px=True; write a value of type float"),

@@ -1,5 +1,8 @@
 """Every central camera: pixel, direction, pixel; the models against each other's closed forms and their physics."""
 
+from dataclasses import replace
+
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -48,7 +51,26 @@ cameras = st.one_of(
         st.floats(-0.02, 0.02),
         looks,
     ),
-    st.builds(EquirectangularCamera, st.just(360), st.just(180), st.floats(-360, 360), st.booleans()),
+    st.builds(
+        lambda fx, xi, k1, k2, p1, p2: UnifiedCamera(
+            **FRAME, fx=fx, fy=1.02 * fx, xi=xi, skew=1.0, k1=k1, k2=k2, p1=p1, p2=p2
+        ),
+        st.floats(250, 400),
+        st.floats(0.8, 1.2),
+        st.floats(-0.2, 0.2),
+        st.floats(-0.02, 0.05),
+        st.floats(-0.01, 0.01),
+        st.floats(-0.01, 0.01),
+    ),
+    st.builds(
+        EquirectangularCamera,
+        st.just(360),
+        st.just(180),
+        st.floats(-360, 360),
+        st.booleans(),
+        st.floats(-90, -10),
+        st.floats(0, 90),
+    ),
     st.builds(
         CylindricalCamera,
         st.just(512),
@@ -182,6 +204,37 @@ def test_the_unified_model_projects_as_printed():
     assert np.allclose(camera.pixels(np.array([X, -Y, -Z])), [u, v])
 
 
+DISTORTED = UnifiedCamera(
+    **FRAME, fx=400, fy=390, xi=0.9, skew=1.5, k1=-0.11, k2=0.013, p1=0.002, p2=-0.001
+)  # as real calibrations have it
+
+
+@given(st.floats(-0.3, 0.3), st.floats(-0.1, 0.1), st.floats(-0.01, 0.01), st.floats(-0.01, 0.01))
+def test_the_lens_distorts_as_opencv_s_does(k1, k2, p1, p2):
+    camera = replace(DISTORTED, xi=0, skew=0, k1=k1, k2=k2, p1=p1, p2=p2)
+    points = np.random.default_rng(3).uniform([-0.6, -0.6, 1], [0.6, 0.6, 1], (40, 3))
+    K = np.array([[400, 0, 330], [0, 390, 229], [0, 0, 1.0]])
+    expected = cv2.projectPoints(points, np.zeros(3), np.zeros(3), K, np.array([k1, k2, p1, p2]))[0][:, 0]
+    found = camera.pixels(points * [1, -1, -1])
+    shown = np.isfinite(found).all(-1)
+    assert shown.sum() > 15
+    assert np.allclose(found[shown], expected[shown], atol=1e-9)
+
+
+def test_distortion_is_undone_to_a_billionth_of_a_pixel():
+    v, u = np.mgrid[:480:7, :640:7]
+    uv = np.stack([u, v], -1).astype(float)
+    assert np.abs(DISTORTED.pixels(DISTORTED.directions(uv)) - uv).max() < 1e-9
+
+
+def test_where_distortion_folds_the_image_there_is_no_ray():
+    folded = replace(DISTORTED, k1=-0.5, k2=0.0, p1=0.0, p2=0.0)
+    turn = np.sqrt(1 / 1.5)
+    assert folded.circle.radius == pytest.approx(390 * turn * (1 - 0.5 * turn**2))
+    beyond = np.array([330 + 1.01 * folded.circle.radius, 229])
+    assert np.isnan(folded.directions(beyond)).all()
+
+
 @given(cameras, st.integers(0, 2**32 - 1))
 def test_a_flipped_camera_sees_flipped_pictures(camera, seed):
     uv = np.random.default_rng(seed).uniform([0, 0], [camera.width - 1, camera.height - 1], (50, 2))
@@ -217,6 +270,9 @@ def test_panoramas_put_azimuth_and_elevation_where_they_say():
     sphere = EquirectangularCamera(360, 180)
     assert np.allclose(sphere.pixels(turned(90)), [90, 89.5])
     assert np.allclose(sphere.pixels(np.array([[0, 0, 1.0], [0, 0, -1]]))[:, 1], [-0.5, 179.5])
+    part = EquirectangularCamera(360, 50, lowest_deg=-30, highest_deg=20)
+    assert np.allclose(part.pixels(np.array([[1, 0, 0], [0, 1, np.tan(np.deg2rad(-30))]])), [[0, 19.5], [90, 49.5]])
+    assert np.isnan(part.pixels(np.array([1, 0, np.tan(np.deg2rad(21))]))).all()
     seen_from_inside = EquirectangularCamera(360, 180, start_deg=180, clockwise=True)
     assert np.allclose(seen_from_inside.pixels(turned(90)), [90, 89.5])
     assert np.allclose(seen_from_inside.pixels(turned(0)), [180, 89.5])
@@ -256,6 +312,9 @@ def test_a_panorama_has_no_mirror_view():
     (lambda: PinholeCamera(**{**FRAME, "cx": -5}, focal_px=9), "outside"),
     (lambda: PinholeCamera(**{**FRAME, "width": 4}, focal_px=9), "4 x 480"),
     (lambda: EquirectangularCamera(360, 1), "360 x 1"),
+    (lambda: EquirectangularCamera(360, 99, lowest_deg=-91), "-91 to 90"),
+    (lambda: EquirectangularCamera(360, 99, lowest_deg=9, highest_deg=9), "9 to 9"),
+    (lambda: UnifiedCamera(**FRAME, fx=1, fy=1, xi=1, p2=float("inf")), "p1, p2 = .*inf"),
     (lambda: CylindricalCamera(360, 100, highest_deg=90), "-45 to 90"),
     (lambda: OCamCamera(**FRAME, polynomial=()), "polynomial"),
     (lambda: OCamCamera(**FRAME, polynomial=(-100.0,), d=2, e=1), "flatten"),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from omnilab.api import RandomPoses
-from omnilab_mirror import Mirror
+from omnilab_mirror import Conical, Equirectangular, Mirror, Pinhole, Spherical, Stereo
 from omnilab_mirror.world import load_world
 
 IMAGES = 64
@@ -22,6 +22,19 @@ def poses():
 @pytest.mark.parametrize("color", [False, True], ids=["grey", "colour"])
 def test_bench_mirror(benchmark, poses, samples, color):
     sensor = Mirror(samples=samples, color=color)
+    plan = sensor.plan(poses)
+    images = benchmark.pedantic(lambda: next(sensor.frames(plan)).images, rounds=5, warmup_rounds=1)
+    assert len(images) == IMAGES
+    if benchmark.stats:
+        benchmark.extra_info["images_per_s"] = IMAGES / benchmark.stats.stats.median
+
+
+@pytest.mark.benchmark(group="virtual cameras, 64 grey images of about 250 x 250, one sample")
+@pytest.mark.parametrize("sensor", [
+    Mirror(samples=1, crop=1.0), Equirectangular(samples=1, width=352, height=176), Pinhole(samples=1, width=250, height=250),
+    Spherical(samples=1), Conical(samples=1), Stereo(samples=1, width=352, height=176), Mirror(samples=1, crop=1.0, depth=True),
+], ids=lambda sensor: type(sensor).__name__.lower() + ("+depth" if sensor.depth else ""))  # fmt: skip
+def test_bench_cameras(benchmark, poses, sensor):
     plan = sensor.plan(poses)
     images = benchmark.pedantic(lambda: next(sensor.frames(plan)).images, rounds=5, warmup_rounds=1)
     assert len(images) == IMAGES
@@ -53,4 +66,34 @@ def numpy_image(sensor: Mirror, T_world_camera):
             np.minimum((f[hit] / w[hit] * n).astype(int), n - 1) for f, n in zip((y, x), picture.shape, strict=False)
         )
         nearest[hit], image[hit] = w[hit], picture[rows, columns] @ [0.299, 0.587, 0.114]
+    return image
+
+
+@pytest.mark.benchmark(group="mirror, one image of 24 x 24 in a loop")
+def test_bench_mirror_in_a_loop(benchmark, poses):
+    sensor = Mirror(samples=1, size=24)
+    plan = sensor.plan(poses)
+    image = benchmark.pedantic(loop_image, (sensor, plan.T_world_camera[0]), rounds=2)
+    assert np.median(np.abs(image.astype(int) - numpy_image(sensor, plan.T_world_camera[0]))) <= 1
+    if benchmark.stats:
+        benchmark.extra_info["seconds_for_250x250"] = benchmark.stats.stats.median * (250 / 24) ** 2
+
+
+def loop_image(sensor: Mirror, T_world_camera):
+    """A grey image as the thesis's listings make it: pixel by pixel, face by face."""
+    world = load_world(sensor.world)
+    inverses = [np.linalg.inv(np.stack([f.corner - T_world_camera[:3, 3], f.u, f.v], 1)).tolist() for f in world.faces]
+    image = np.zeros((sensor.size, sensor.size), np.uint8)
+    for v in range(sensor.size):
+        for u in range(sensor.size):
+            d = (T_world_camera[:3, :3] @ sensor.camera.directions(np.array([u, v], float))).tolist()
+            nearest = 0.0
+            for (r0, r1, r2), picture in zip(inverses, world.pictures, strict=True):
+                w = r0[0] * d[0] + r0[1] * d[1] + r0[2] * d[2]
+                x = r1[0] * d[0] + r1[1] * d[1] + r1[2] * d[2]
+                y = r2[0] * d[0] + r2[1] * d[1] + r2[2] * d[2]
+                if w > nearest and 0 <= x <= w and 0 <= y <= w:
+                    nearest, (height, width) = w, picture.shape[:2]
+                    texel = picture[min(int(y / w * height), height - 1), min(int(x / w * width), width - 1)]
+                    image[v, u] = texel @ [0.299, 0.587, 0.114]
     return image

@@ -1,18 +1,46 @@
-"""Virtual worlds and mirror cameras for omnilab."""
+"""Virtual worlds and cameras for omnilab."""
 
 from __future__ import annotations
 
 from omnilab import hookimpl
 from omnilab.hooks import Register, RegisterCommand
 from omnilab_mirror.commands import world_command
-from omnilab_mirror.mirror import Mirror
+from omnilab_mirror.lenses import Calibrated, Fisheye, OCam, Pinhole, Stereo, Unified
+from omnilab_mirror.mirror import Conical, Elliptic, Mirror, Parabolic, Spherical
+from omnilab_mirror.panoramas import Cylindrical, Equirectangular
 
-__all__ = ["Mirror"]
+__all__ = [
+    "Calibrated",
+    "Conical",
+    "Cylindrical",
+    "Elliptic",
+    "Equirectangular",
+    "Fisheye",
+    "Mirror",
+    "OCam",
+    "Parabolic",
+    "Pinhole",
+    "Spherical",
+    "Stereo",
+    "Unified",
+]
 
 
 @hookimpl
 def register_sensors(register: Register) -> None:
     register("mirror", Mirror)
+    register("parabolic", Parabolic)
+    register("spherical", Spherical)
+    register("elliptic", Elliptic)
+    register("conical", Conical)
+    register("unified", Unified)
+    register("ocam", OCam)
+    register("calibrated", Calibrated)
+    register("pinhole", Pinhole)
+    register("stereo", Stereo)
+    register("fisheye", Fisheye)
+    register("cylindrical", Cylindrical)
+    register("equirectangular", Equirectangular)
 
 
 @hookimpl

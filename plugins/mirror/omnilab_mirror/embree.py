@@ -118,8 +118,9 @@ def surface_of(triangles: Triangles, sky: Bytes, color: bool) -> tuple[Surface, 
 @lru_cache(maxsize=4)
 def bundles_of(camera: RayCamera, samples: int) -> list[Bundle]:
     """The rays of a camera with `samples` in each pixel, in parts of bounded size, each of whole pixels."""
-    rays = rays_of(camera, samples).rays.reshape(camera.height * camera.width, samples, -1)
-    origins = _origins(camera, samples)
+    found = rays_of(camera, samples)
+    rays = found.rays.reshape(camera.height * camera.width, samples, -1)
+    origins = None if found.starts is None else found.starts.reshape(len(rays), samples, 3)
     step = max(1, RAYS_AT_ONCE // samples)
     parts = [slice(i, i + step) for i in range(0, len(rays), step)]
     return [_bundle(part.start, rays[part], None if origins is None else origins[part]) for part in parts]
@@ -130,12 +131,3 @@ def _bundle(first: int, rays: Array, origins: Array | None) -> Bundle:
     pixel = (first + np.nonzero(seen)[0]).astype(np.int64)
     direction, solid_angle = rays[seen][:, :3].astype(np.float32), rays[seen][:, 3].astype(np.float32)
     return Bundle(pixel, direction, solid_angle, None if origins is None else origins[seen].astype(np.float32))
-
-
-def _origins(camera: RayCamera, samples: int) -> Array | None:
-    """Where the rays (H * W, S, 3) start; None where that is the viewpoint for all of them."""
-    n = int(np.sqrt(samples))
-    offset = (np.arange(n) + 0.5) / n - 0.5
-    v, u, dv, du = np.meshgrid(np.arange(camera.height), np.arange(camera.width), offset, offset, indexing="ij")
-    origins = camera.origins(np.stack([u + du, v + dv], -1).reshape(-1, samples, 2))
-    return origins if np.any(np.nan_to_num(origins) != 0) else None

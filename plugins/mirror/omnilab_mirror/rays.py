@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from omnilab.api import Floats
-from omnilab.projection import RayCamera
+from omnilab.projection import CentralCamera, RayCamera
 from omnilab_mirror.tracer import BLOCK, TILE, Cones
 
 NO_CONE = (-2.0, 2.0)  # a tile that spans more than a half-space may see anything
@@ -18,6 +18,7 @@ class Rays(NamedTuple):
     """All rays of a camera, in its frame."""
 
     rays: Floats  # (H, W, S, 4): unit direction, and the pixel's solid angle there; zeros where the mirror ends
+    starts: Floats | None  # (H, W, S, 3): where they start, in metres; None: in the viewpoint
     blocks: Cones
     tiles: Cones
 
@@ -32,7 +33,8 @@ def rays_of(camera: RayCamera, samples: int) -> Rays:
     directions = camera.directions(uv)
     rays = np.concatenate([directions, _solid_angle(camera, uv)[..., None]], -1)
     rays = np.nan_to_num(rays, nan=0.0)
-    return Rays(rays, _cones(rays, BLOCK), _cones(rays, TILE))
+    starts = None if isinstance(camera, CentralCamera) else np.nan_to_num(camera.origins(uv), nan=0.0)
+    return Rays(rays, starts, _cones(rays, starts, BLOCK), _cones(rays, starts, TILE))
 
 
 def _solid_angle(camera: RayCamera, uv: Floats) -> Floats:
@@ -44,13 +46,16 @@ def _solid_angle(camera: RayCamera, uv: Floats) -> Floats:
     return np.asarray(np.linalg.norm(np.cross(along_u, along_v), axis=-1)) / (2 * h) ** 2
 
 
-def _cones(rays: Floats, side: int) -> Cones:
+def _cones(rays: Floats, starts: Floats | None, side: int) -> Cones:
     shape = (-(-rays.shape[0] // side), -(-rays.shape[1] // side))
-    axis, spread = np.zeros((*shape, 3)), np.zeros((*shape, 2))
+    axis, spread, around = np.zeros((*shape, 3)), np.zeros((*shape, 2)), np.zeros(shape)
     for v, u in np.ndindex(shape):
-        d = rays[v * side : (v + 1) * side, u * side : (u + 1) * side, :, :3].reshape(-1, 3)
+        square = slice(v * side, (v + 1) * side), slice(u * side, (u + 1) * side)
+        d = rays[square][..., :3].reshape(-1, 3)
         axis[v, u], spread[v, u] = _cone(d[np.any(d != 0, axis=1)])
-    return Cones(axis, spread)
+        if starts is not None:
+            around[v, u] = np.linalg.norm(starts[square], axis=-1).max() + 1e-6  # never 0: that means a viewpoint
+    return Cones(axis, spread, around)
 
 
 def _cone(d: Floats) -> tuple[Floats, tuple[float, float]]:

@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from omnilab.projection import RayCamera
+from omnilab.api import Floats
+from omnilab.projection import CentralCamera, RayCamera
+from omnilab_mirror.atlas import Atlas
 from omnilab_mirror.rays import rays_of
-from omnilab_mirror.tracer import trace, view_from
+from omnilab_mirror.tracer import View, trace, view_around, view_from
 from omnilab_mirror.world import World
 
 
@@ -20,9 +22,24 @@ def render(
     if world.meshes:
         return world.embree.images(camera, T_world_camera, samples, color)
     atlas = world.color if color else world.gray
-    corner = np.array([face.corner for face in world.faces])
-    edges = np.array([(face.u, face.v) for face in world.faces])
-    view = view_from(T_world_camera, corner, edges, atlas.size)
+    view = _view(world, camera, T_world_camera, atlas)
     images = np.empty((len(T_world_camera), camera.height, camera.width, 3 if color else 1), np.uint8)
     trace(*rays_of(camera, samples), view, atlas, images)
     return images if color else images[..., 0]
+
+
+def depth_of(world: World, camera: RayCamera, T_world_camera: npt.NDArray[Any]) -> Floats:
+    """Metres (N, H, W) along the rays of the pixels' centres to what they meet, infinity where that is nothing."""
+    if world.meshes:
+        return world.embree.depths(camera, T_world_camera)
+    depth = np.empty((len(T_world_camera), camera.height, camera.width), np.float32)
+    trace(*rays_of(camera, 1), _view(world, camera, T_world_camera, world.gray), None, depth)
+    return depth
+
+
+def _view(world: World, camera: RayCamera, T_world_camera: npt.NDArray[Any], atlas: Atlas) -> View:
+    """The faces as the camera sees them from poses (N, 4, 4)."""
+    corner = np.array([face.corner for face in world.faces])
+    edges = np.array([(face.u, face.v) for face in world.faces])
+    seen_from = view_from if isinstance(camera, CentralCamera) else view_around
+    return seen_from(T_world_camera, corner, edges, atlas.size[: len(world.faces)])

@@ -28,6 +28,7 @@ class VirtualCamera(ABC):
     height_m: float = 1.0  # of the viewpoint, where a layout says nothing
     on_floor: bool = True  # a robot carries the camera: grids and random poses keep clear of furniture below, too
     batch: int = 64  # images rendered at once
+    depth: bool = False  # also how far each pixel sees
 
     def __post_init__(self) -> None:
         if self.samples < 1 or int(np.sqrt(self.samples)) ** 2 != self.samples:
@@ -66,7 +67,7 @@ class VirtualCamera(ABC):
         """The planned images, ten a second by the sensor's clock."""
         if plan.T_world_camera is None:
             raise DataError("a virtual sensor cannot image a plan without poses; ask this sensor's plan() for one")
-        from omnilab_mirror.render import render
+        from omnilab_mirror.render import depth_of, render
         from omnilab_mirror.world import load_world
 
         world, camera = load_world(self.world, self.variant), self.camera
@@ -74,7 +75,8 @@ class VirtualCamera(ABC):
             index = np.arange(start, min(start + self.batch, len(plan)))
             T_world_camera = plan.T_world_camera[index]
             images = render(world, camera, T_world_camera, self.samples, self.color)
-            yield Frames(images, plan.at(index).keys, FRAME_NS * index, camera, index, T_world_camera)
+            depth = depth_of(world, camera, T_world_camera) if self.depth else None
+            yield Frames(images, plan.at(index).keys, FRAME_NS * index, camera, index, T_world_camera, depth_m=depth)
 
     def scene(self) -> Mesh:
         """The world's faces in coarse colours, open from above."""

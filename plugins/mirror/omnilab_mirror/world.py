@@ -88,12 +88,17 @@ class World:
     @cached_property
     def gray(self) -> Atlas:
         """The pictures' luma at all resolutions."""
-        return build_atlas(self.pictures, color=False)
+        return build_atlas([*self.pictures, *self._sky_picture], color=False)
 
     @cached_property
     def color(self) -> Atlas:
         """The pictures at all resolutions."""
-        return build_atlas(self.pictures, color=True)
+        return build_atlas([*self.pictures, *self._sky_picture], color=True)
+
+    @property
+    def _sky_picture(self) -> list[Bytes]:
+        """The sky twice, side by side, so that it goes on at its edges; none where there is no sky."""
+        return [] if self.sky is None else [np.hstack([self.sky, self.sky])]
 
     @cached_property
     def embree(self) -> Embree:

@@ -51,7 +51,7 @@ def test_pixel_to_direction_to_pixel(u, v, crop):
 
 @pytest.mark.parametrize(("crop", "size"), [(0.5, 60), (1.0, 61), (1.0, 8)])
 def test_cones_hold_the_rays_of_their_pixels(crop, size):
-    rays, blocks, tiles = rays_of(HyperbolicMirror(size=size, crop=crop), samples=4)
+    rays, _, blocks, tiles = rays_of(HyperbolicMirror(size=size, crop=crop), samples=4)
     for cones, side in ((blocks, BLOCK), (tiles, TILE)):
         for v, u in np.ndindex(size, size):
             cos, sin = cones.spread[v // side, u // side]

@@ -147,7 +147,8 @@ def test_sensor_keeps_its_protocol_and_pickles_after_use():
 def test_registers_as_mirror():
     found = {}
     omnilab_mirror.register_sensors(found.__setitem__)
-    assert found == {"mirror": Mirror}
+    assert found["mirror"] is Mirror
+    assert {cls.__name__ for cls in found.values()} == set(omnilab_mirror.__all__)
 
 
 def test_import_is_light():
