@@ -526,3 +526,4 @@ class Parts:
     disturbances: Mapping[str, Disturbance] = field(default_factory=dict)  # of the queries, in the order they apply
     descriptors: Mapping[str, Descriptor] = field(default_factory=dict)  # that the study compares, by name
     distances: Mapping[str, Distance] = field(default_factory=dict)  # that it compares them with
+    default_distances: Mapping[str, Distance] = field(default_factory=dict)  # of each of `descriptors`, its own

@@ -173,7 +173,7 @@ def execute(run: Run, folder: Path, registry: Registry, overrides: Sequence[str]
         with _signals(recorder), recorder, pinned(run.threads):
             for failure in registry.failures:
                 log.warning("%s", failure.sentence)
-            report: Report = run.study.run(_parts(run), recorder, np.random.default_rng(run.seed))
+            report: Report = run.study.run(_parts(run, registry), recorder, np.random.default_rng(run.seed))
             book.write(report)
     except KeyboardInterrupt:
         book.status(INTERRUPTED, sinks_dropped=recorder.dropped)
@@ -219,8 +219,9 @@ def _digests(path: str, settings: Any) -> Iterator[tuple[str, str]]:
             yield path, hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _parts(run: Run) -> Parts:
-    return Parts(**{f.name: getattr(run, f.name) for f in fields(Parts)})
+def _parts(run: Run, registry: Registry) -> Parts:
+    own = {name: registry.get("distance", d.default_distance).cls() for name, d in run.descriptors.items()}
+    return Parts(**{f.name: getattr(run, f.name) for f in fields(Parts) if hasattr(run, f.name)}, default_distances=own)
 
 
 @contextmanager

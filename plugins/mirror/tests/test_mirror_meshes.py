@@ -20,7 +20,7 @@ import omnilab_mirror
 from omnilab.api import GridPoses, PathPoses, RandomPoses
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses
-from omnilab.projection import EquirectangularCamera, HyperbolicMirror
+from omnilab.projection import EquirectangularCamera, HyperbolicMirror, StereoCamera
 from omnilab_mirror import Mirror, mesh_file, mesh_look
 from omnilab_mirror.embree import Embree
 from omnilab_mirror.light import Lamp, Light
@@ -155,15 +155,18 @@ def test_the_sky_is_seen_past_everything_and_turns_with_the_camera():
 
 
 def test_rays_start_where_a_camera_without_viewpoint_says():
-    class Shifted(EquirectangularCamera):
-        def origins(self, pixels):
-            return np.broadcast_to([0.5, 0.0, 0.2], (*np.shape(pixels)[:-1], 3))
-
+    pair = StereoCamera(width=64, height=48, focal_px=40.0, baseline_m=0.5)
     world = Embree(soup(square(0.0)), PLAIN, None)
     T = planar_poses([1.0, 2.0, 1.0], 0.7)
-    moved = T.copy()
-    moved[:, :3, 3] += T[0, :3, :3] @ [0.5, 0, 0.2]
-    assert np.allclose(world.depths(Shifted(64, 32), T), world.depths(SPHERE, moved), rtol=1e-5)
+    depth = world.depths(pair, T)
+    for half, eye, side in (
+        (depth[..., : pair.width // 2], pair.left, 0.25),
+        (depth[..., pair.width // 2 :], pair.right, -0.25),
+    ):
+        moved = T.copy()
+        moved[:, :3, 3] += T[0, :3, :3] @ [0, side, 0]
+        assert np.isfinite(half).any()
+        assert np.allclose(half, world.depths(eye, moved), rtol=1e-5)
 
 
 # ------------------------------------------------------------------------------------------------ the room, twice
