@@ -50,6 +50,21 @@ def test_the_library_example_runs(tmp_path, monkeypatch, capsys, request):
     assert "nearest_rate" in capsys.readouterr().out
 
 
+def test_every_virtual_camera_and_world_has_its_picture():
+    from omnilab_mirror.virtual import VirtualCamera
+    from omnilab_mirror.world import shipped
+
+    registry = discover("")
+    sensors = [n for n in registry.names("sensor") if issubclass(registry.get("sensor", n).cls, VirtualCamera)]
+    assert len(sensors) > 5
+    for kind, names, document in (("camera", sensors, "cameras.md"), ("world", shipped(), "worlds.md")):
+        text = (ROOT / "docs" / document).read_text(encoding="utf-8")
+        for name in names:
+            assert f"(pictures/{kind}_{name}.jpg)" in text
+            assert f"`{name}`" in text
+            assert (ROOT / f"docs/pictures/{kind}_{name}.jpg").is_file()
+
+
 def test_contributing_names_files_that_exist():
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     for path in re.findall(r"`((?:omnilab|plugins|conf|tests)/[\w/.]+)`", text):

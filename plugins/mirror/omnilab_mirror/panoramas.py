@@ -16,8 +16,8 @@ class Cylindrical(VirtualCamera):
     height: int = 128  # pixels
     lowest_deg: float = -38.0  # elevation of the bottom edge
     highest_deg: float = 38.0  # elevation of the top edge
-    start_deg: float = 0.0  # azimuth of column 0
-    clockwise: bool = False  # azimuth falls along the columns, as a viewer inside sees it
+    start_deg: float = 180.0  # azimuth of column 0: ahead is in the middle
+    clockwise: bool = True  # azimuth falls along the columns, as a viewer inside sees it
 
     @property
     def camera(self) -> CylindricalCamera:
@@ -35,8 +35,8 @@ class Equirectangular(VirtualCamera):
     height: int = 256  # pixels
     lowest_deg: float = -90.0  # elevation of the bottom edge
     highest_deg: float = 90.0  # elevation of the top edge
-    start_deg: float = 0.0  # azimuth of column 0
-    clockwise: bool = False  # azimuth falls along the columns, as a viewer inside sees it
+    start_deg: float = 180.0  # azimuth of column 0: ahead is in the middle
+    clockwise: bool = True  # azimuth falls along the columns, as a viewer inside sees it
 
     @property
     def camera(self) -> EquirectangularCamera:

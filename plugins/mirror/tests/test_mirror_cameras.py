@@ -328,7 +328,12 @@ def test_the_unwrapped_mirror_image_is_the_panorama_rendered_directly(name):
     sensor = getattr(omnilab_mirror, name)(size=700, crop=1.0)
     lowest, highest = np.rad2deg(sensor.camera.elevations_rad)
     sphere = omnilab_mirror.Equirectangular(
-        width=1024, height=256, lowest_deg=max(lowest, -60), highest_deg=min(highest, 60)
+        width=1024,
+        height=256,
+        lowest_deg=max(lowest, -60),
+        highest_deg=min(highest, 60),
+        start_deg=0,
+        clockwise=False,
     )
     unwrapped = panorama(pictures(sensor, T), sensor.camera, (256, 1024))
     for one, other in zip(map(coarse, pictures(sphere, T)), map(coarse, unwrapped), strict=True):

@@ -102,22 +102,25 @@ def worst(
 def views(pictures: Sequence[Bytes], panoramas: Sequence[Bytes], poses: Sequence[Sequence[float]]) -> Figure:
     """Pictures from chosen poses, each above its panorama where there is one (thesis, figures 3.10 to 3.12)."""
     height, width = pictures[0].shape[:2]
-    columns = min(len(pictures), max(1, round(15 * height / (3 * width))))
+    columns = min(len(pictures), 5 if width < 1.5 * height else 2)
     rows = -(-len(pictures) // columns)
-    tall = 3 * min(1.0, height / width) * (5 / columns if columns < 5 else 1)
-    part = 2 if panoramas else 1
-    figure = _figure(15, rows * (tall + 0.4 + (15 / columns / 4 if panoramas else 0)))
-    ratios = [tall, 15 / columns / 4][:part] * rows
-    axes = figure.subplots(part * rows, columns, squeeze=False, height_ratios=ratios)
+    wide = min(15 / columns, 8)  # inches of a picture
+    ratios = [wide * height / width + 0.3, *([wide * _aspect(panoramas[0])] if panoramas else [])]
+    figure = _figure(wide * columns, rows * sum(ratios))
+    axes = figure.subplots(len(ratios) * rows, columns, squeeze=False, height_ratios=ratios * rows)
     for one in axes.flat:
         one.set_axis_off()
     for i, picture in enumerate(pictures):
-        row, column = part * (i // columns), i % columns
+        row, column = len(ratios) * (i // columns), i % columns
         axes[row, column].imshow(picture, cmap="gray", vmin=0, vmax=255)
         axes[row, column].set_title(_pose_title(poses[i]), fontsize=9)
         if panoramas:
             axes[row + 1, column].imshow(panoramas[i], cmap="gray", vmin=0, vmax=255)
     return figure
+
+
+def _aspect(picture: Bytes) -> float:
+    return float(picture.shape[0] / picture.shape[1])
 
 
 def _pose_title(pose: Sequence[float]) -> str:
@@ -128,12 +131,12 @@ def _pose_title(pose: Sequence[float]) -> str:
 
 def cloud(points_m: Floats, colors: Bytes) -> Figure:
     """A point cloud from above and aside (thesis, figure 3.13)."""
-    figure = _figure(8, 6)
+    figure = _figure(9, 6)
     axes: Any = figure.add_subplot(projection="3d", computed_zorder=False)
-    axes.scatter(*points_m.T, c=colors / 255, s=0.6, marker=".", linewidths=0)
+    axes.scatter(*points_m.T, c=colors / 255, s=5, marker="o", linewidths=0)
     span = np.ptp(points_m, axis=0)
     axes.set_box_aspect(np.maximum(span, 0.1 * span.max()))
-    axes.view_init(elev=35, azim=-110)
+    axes.view_init(elev=30, azim=-60)
     axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
     return figure
 

@@ -2,17 +2,15 @@
 
 from omnilab.api import Panel, ViewLayout
 
-VIEWS = ViewLayout(
-    columns=(
-        (Panel("map", "World, poses and what the camera sees", ("room", "poses", "camera", "cloud")),),
-        (
-            Panel("image", "Picture", ("view/image",)),
-            Panel("image", "Panorama", ("view/panorama",)),
-            Panel("text", "Poses", ("summary",)),
-        ),
-    ),
-    widths=(3, 2),
-)
+
+def views(panoramas: bool) -> ViewLayout:
+    """Pictures from chosen poses, with or without their panoramas."""
+    pictures = [Panel("image", "Picture", ("view/image",))]
+    if panoramas:
+        pictures.append(Panel("image", "Panorama", ("view/panorama",)))
+    world = Panel("map", "World, poses and what the camera sees", ("room", "poses", "camera", "cloud"))
+    return ViewLayout(columns=((world,), (*pictures, Panel("text", "Poses", ("summary",)))), widths=(3, 2))
+
 
 PLACES = ViewLayout(
     columns=(

@@ -28,7 +28,7 @@ from omnilab.geometry import poses, rotation_xyz
 from omnilab.projection import RayCamera, panorama, point_cloud, to_color
 from omnilab_studies import figures
 from omnilab_studies.common import deliver, markdown_table
-from omnilab_studies.layouts import VIEWS
+from omnilab_studies.layouts import views
 
 FIGURE_3_10 = [  # the thesis's, in metres above the floor: up by 0.4 m, then 1.5 m aside, turned by 60 and by 50 degrees
     [0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
@@ -64,7 +64,7 @@ class Views:
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Take a picture at every pose, and show all that is in it."""
-        record.log("", VIEWS)
+        record.log("", views(self.panoramas))
         if scene := parts.sensor.scene():
             record.log("room", scene)
         values = np.array(self.poses, float)
