@@ -66,6 +66,24 @@ def test_a_path_with_6_degrees_of_freedom_is_imaged_as_it_is_told(omnilab_here, 
     assert read.camera == direct.camera
 
 
+def test_depth_and_colour_come_back_bit_for_bit_from_anywhere(omnilab_here, tmp_path):
+    from omnilab_mirror import Spherical
+    from omnilab_recordings import Folder
+
+    settings = ["sensor=spherical", f"sensor.world={WORLD}", "sensor.size=48", "sensor.samples=1", "sensor.color=true"]
+    result = omnilab_here(
+        "experiment=render", *settings, "sensor.depth=true", "study.folder=set", "study.layout=random", "study.count=9"
+    )
+    assert result.rc == 0, result.stderr
+    folder = Folder(str(tmp_path / "set"), color=True, depth=True)
+    (read,) = folder.frames(folder.plan(RecordedPoses()))
+    sensor = Spherical(world=str(WORLD), size=48, samples=1, color=True, depth=True)
+    (direct,) = sensor.frames(sensor.plan(PathPoses(read.T_world_camera)))
+    assert np.array_equal(read.images, direct.images)
+    assert np.array_equal(read.depth_m, direct.depth_m)
+    assert read.camera == direct.camera == sensor.camera
+
+
 def test_disturbances_spoil_the_images_the_same_whatever_the_processes(omnilab, omnilab_here, tmp_path):
     small = [*SMALL, "study.step_m=0.35", "sensor.size=32"]
     assert omnilab_here(*small, "disturbance=gaussian_noise", "study.folder=one").rc == 0
