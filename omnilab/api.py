@@ -42,6 +42,7 @@ __all__ = [
     "Match",
     "Mesh",
     "Metric",
+    "NamedPath",
     "Panel",
     "Parts",
     "PathPoses",
@@ -103,13 +104,21 @@ class PathPoses:
 
 
 @dataclass(frozen=True)
+class NamedPath:
+    """A path that the sensor's world knows by name, in its order."""
+
+    name: str
+    height_m: float | None = None
+
+
+@dataclass(frozen=True)
 class RecordedPoses:
     """All that was recorded, less what another layout takes of it."""
 
     without: GridPoses | None = None
 
 
-Layout = GridPoses | RandomPoses | PathPoses | RecordedPoses
+Layout = GridPoses | RandomPoses | PathPoses | NamedPath | RecordedPoses
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from omnilab.api import Floats, GridPoses, Layout, PathPoses, RandomPoses, RecordedPoses
-from omnilab.errors import DataError
+from omnilab.api import Floats, GridPoses, Layout, NamedPath, PathPoses, RandomPoses, RecordedPoses
+from omnilab.errors import DataError, did_you_mean
 from omnilab.geometry import planar_poses
 from omnilab_mirror.world import World
 
@@ -19,6 +19,8 @@ def poses_of(layout: Layout, world: World, height_m: float, on_floor: bool) -> t
         raise DataError("a virtual sensor has recorded nothing; ask it for random poses, a grid with step_m or a path")
     if isinstance(layout, PathPoses):
         return _path(layout, world), []
+    if isinstance(layout, NamedPath):
+        return _path(PathPoses(_route(layout, world, height_m)), world), []
     extent = world.map_m if layout.extent_m is None else layout.extent_m
     height = height_m if layout.height_m is None else layout.height_m
     if isinstance(layout, RandomPoses):
@@ -67,6 +69,15 @@ def _headings(rng: np.random.Generator, layout: RandomPoses) -> Floats:
         return rng.uniform(0, 2 * np.pi, layout.count)
     steps = max(1, round(2 * np.pi / layout.heading_step_rad))
     return layout.heading_step_rad * rng.integers(steps, size=layout.count)
+
+
+def _route(layout: NamedPath, world: World, height_m: float) -> Floats:
+    if layout.name not in world.paths:
+        known = ", ".join(world.paths) or "none"
+        raise DataError(
+            f"the world has no path '{layout.name}'; there is {known}{did_you_mean(layout.name, world.paths)}"
+        )
+    return world.paths[layout.name].poses(height_m if layout.height_m is None else layout.height_m)
 
 
 def _path(layout: PathPoses, world: World) -> Floats:

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnilab.api import Floats, Frames, Layout, Mesh, PathPoses, Plan
-from omnilab.errors import ConfigError, DataError, did_you_mean
+from omnilab.api import Floats, Frames, Layout, Mesh, Plan
+from omnilab.errors import ConfigError, DataError
 from omnilab.projection import RayCamera
 
 RENDERER_VERSION = 1  # part of the keys: raise it when the same world and pose give another picture
@@ -50,18 +50,6 @@ class VirtualCamera(ABC):
         world = load_world(self.world, self.variant)
         T_world_camera, omitted = poses_of(layout, world, self.height_m, self.on_floor)
         return Plan(self._keys(world.digest, T_world_camera), T_world_camera, omitted)
-
-    def path(self, name: str) -> PathPoses:
-        """The poses of one of the world's paths, at the sensor's height, headed along the motion."""
-        from omnilab_mirror.world import load_world
-
-        paths = load_world(self.world, self.variant).paths
-        if name not in paths:
-            known = ", ".join(paths) or "none"
-            raise ConfigError(
-                f"path '{name}' is not in world={self.world!r}; there is {known}{did_you_mean(name, paths)}"
-            )
-        return PathPoses(paths[name].poses(self.height_m))
 
     def frames(self, plan: Plan) -> Iterator[Frames]:
         """The planned images, ten a second by the sensor's clock."""

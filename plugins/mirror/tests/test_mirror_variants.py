@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omnilab.api import PathPoses, RandomPoses
+from omnilab.api import NamedPath, RandomPoses
 from omnilab.cli import main
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, wrap_angle
@@ -133,16 +133,17 @@ def test_a_square_is_driven_counter_clockwise_with_turns_around_its_corners():
 
 @pytest.mark.parametrize(("world", "path", "count"), [("room", "square", 189), ("corridor", "route", 783)])
 def test_the_thesis_s_paths_have_their_images_and_are_free(world, path, count):
-    sensor = Mirror(world=world)
-    poses = sensor.path(path)
-    assert isinstance(poses, PathPoses)
-    assert len(sensor.plan(poses)) == count
-    assert not any(load_world(world).obstacles(poses.T_world_camera[:, :3, 3], on_floor=True))
+    plan = Mirror(world=world).plan(NamedPath(path))
+    assert len(plan) == count
+    assert (plan.T_world_camera[:, 2, 3] == 1).all()
+    assert not any(load_world(world).obstacles(plan.T_world_camera[:, :3, 3], on_floor=True))
+    raised = Mirror(world=world).plan(NamedPath(path, height_m=1.3))
+    assert (raised.T_world_camera[:, 2, 3] == 1.3).all()
 
 
 def test_paths_that_are_not_there(write):
-    with pytest.raises(ConfigError, match=r"path 'squar' .* there is square \(did you mean square\?\)"):
-        Mirror().path("squar")
+    with pytest.raises(DataError, match=r"path 'squar'; there is square \(did you mean square\?\)"):
+        Mirror().plan(NamedPath("squar"))
     for path, message in [
         ("{points: [[0, 0]], step_m: 1}", "at least 2 points"),
         ("{points: [[0, 0], [0, 0]], step_m: 1}", "no two the same in a row"),

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from omnilab.api import GridPoses, Layout, PathPoses, RecordedPoses
+from omnilab.api import GridPoses, Layout, NamedPath, PathPoses, RecordedPoses
 from omnilab.errors import ConfigError, DataError
 from omnilab_recordings.grid import Grid, find_grid, on_grid
 from omnilab_recordings.images import SUFFIXES, image_names
@@ -43,7 +43,7 @@ class Recording:
         elif isinstance(layout, GridPoses):
             taken = self._on_grid(layout)
         else:
-            wanted = "on a given path" if isinstance(layout, PathPoses) else "at random poses"
+            wanted = "on a given path" if isinstance(layout, PathPoses | NamedPath) else "at random poses"
             raise DataError(f"{self}, and none {wanted}; {self._remedy}")
         if not taken.any():
             raise DataError(f"{self}, and none that {layout} asks for; {self._remedy}")

@@ -19,6 +19,7 @@ from omnilab.api import (
     Ints,
     Layout,
     Metric,
+    NamedPath,
     Parts,
     PathPoses,
     PlaceMap,
@@ -62,7 +63,7 @@ class Where(Enum):
 SETTINGS = {  # of each layout
     Where.grid: {"step_m", "every", "extent_m", "height_m"},
     Where.column: {"positions_m", "heights_m"},
-    Where.path: {"path"},
+    Where.path: {"path", "height_m"},
     Where.random: {"count", "heading_step_deg", "extent_m", "height_m"},
     Where.recorded: set[str](),
 }
@@ -72,7 +73,7 @@ SETTINGS = {  # of each layout
 class Render:
     """Writes a data set: images, poses with 6 degrees of freedom, calibration and, where the sensor tells it, depth.
 
-    `layout=grid` takes step_m or every, extent_m, height_m; `column` positions_m, heights_m; `path` a file of poses;
+    `layout=grid` takes step_m or every, extent_m, height_m; `column` positions_m, heights_m; `path` a path of the world or a file of poses;
     `random` count, heading_step_deg, extent_m, height_m; `recorded` all that a recording holds. What was begun is gone
     on with: the same command again makes what is missing, another one in the same folder is refused. Disturbances spoil
     the images. The files are described in docs/datasets.md; the sensor `folder` reads them.
@@ -86,7 +87,7 @@ class Render:
     height_m: float | None = None  # of the viewpoint; null: the sensor's own
     positions_m: list[Any] | None = None  # [[x, y], ...] of columns; null: the world's origin
     heights_m: list[float] | None = None  # [lowest, highest, step] of columns; null: [0.1, 2.0, 0.1]
-    path: str | None = None  # of a file: TUM's format, or a CSV with a header
+    path: str | None = None  # of the world, by its name; or a file (.txt, .tum: TUM's format; .csv: with a header)
     count: int | None = None  # of random poses; null: 100
     heading_step_deg: float | None = None  # random headings are multiples of it; null: any heading
     cloud_points: int = 0  # at most, of cloud.ply; 0: no cloud. Needs a sensor that tells the depth
@@ -125,7 +126,7 @@ class Render:
                 )
         if self.layout is Where.path and self.path is None:
             raise ConfigError(
-                "study.layout=path and study.path is null; give study.path=FILE, in TUM's format or a CSV"
+                "study.layout=path and study.path is null; give a path of the world or FILE, in TUM's format or a CSV"
             )
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
@@ -174,6 +175,8 @@ class Render:
             case Where.column:
                 return PathPoses(column(self.positions_m or [[0.0, 0.0]], self.heights_m or HEIGHTS_M)), None
             case Where.path:
+                if Path(str(self.path)).suffix == "":
+                    return NamedPath(str(self.path), self.height_m), None
                 trajectory = read_trajectory(Path(str(self.path)))
                 return PathPoses(trajectory.T_world_camera), trajectory.stamps_ns
             case Where.random:

@@ -296,9 +296,9 @@ def test_a_folder_that_holds_something_else_is_refused(tmp_path, text):
     ("settings", "fix"),
     [
         ({"layout": Where.random, "step_m": 0.4}, "study.step_m=0.4 means nothing to study.layout=random.*layout=grid"),
-        ({"height_m": 1.0, "layout": Where.column}, "study.height_m=1.0.*study.layout=grid or random"),
+        ({"height_m": 1.0, "layout": Where.column}, "study.height_m=1.0.*study.layout=grid or path or random"),
         ({"path": "a.txt"}, "study.path=a.txt means nothing to study.layout=grid"),
-        ({"layout": Where.path}, "study.path is null; give study.path=FILE"),
+        ({"layout": Where.path}, "study.path is null; give a path of the world or FILE"),
         ({"step_m": 0.2, "every": 2}, "study.step_m=0.2 with study.every=2"),
         ({"step_m": float("nan")}, "study.step_m=nan"),
         ({"extent_m": [1.0]}, r"give \[x, y\]"),
