@@ -62,7 +62,9 @@ class Started:
         return (self.here / "logs" / "latest").resolve()
 
     def begun(self) -> bool:
-        return (self.folder / "run.mcap").exists()
+        """Whether the log holds something: the room is its first large record."""
+        file = self.folder / "run.mcap"
+        return file.exists() and file.stat().st_size > 1000
 
     @property
     def status(self) -> dict[str, object]:
