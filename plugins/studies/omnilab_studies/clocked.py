@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from omnilab.api import Bytes, Descriptor, Floats, Frames, Learner, Recorder, Signatures
+from omnilab.api import Bytes, Descriptor, Floats, Frames, Learner, Recorder, Signatures, Tick
 from omnilab.errors import DataError
 from omnilab.projection import view_of
 from omnilab_studies.common import show_picture
@@ -34,13 +34,15 @@ class Pictures:
 
     @classmethod
     def of(cls, batches: Iterable[Frames], descriptors: Mapping[str, Descriptor], record: Recorder) -> Pictures:
+        """Of all frames of the batches; DataError if there are none, or no poses."""
         wanted = {(descriptor.view, descriptor.color) for descriptor in descriptors.values()}
         views: dict[View, list[Bytes]] = {view: [] for view in wanted}
         seconds = dict.fromkeys(wanted, 0.0)
         poses: list[Floats] = []
         omitted: list[str] = []
         for frames in batches:
-            show_picture(record, frames, 0)
+            if len(frames):
+                show_picture(record, frames, 0, Tick(int(frames.plan_index[0]), int(frames.stamps_ns[0])))
             for view in wanted:
                 pictures, spent = clocked(partial(view_of, frames.images, frames.camera, *view))
                 views[view].append(pictures)
@@ -70,6 +72,7 @@ class Described:
 
     @classmethod
     def by(cls, descriptor: Descriptor, places: Pictures, queries: Pictures) -> Described:
+        """By a descriptor, fitted on the places where it must be."""
         view = (descriptor.view, descriptor.color)
         fit_s = 0.0
         if isinstance(descriptor, Learner):

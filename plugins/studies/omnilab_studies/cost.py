@@ -107,7 +107,7 @@ class Cost:
         omitted = [*grid.omitted, *places.omitted, *plan.omitted, *queries.omitted]
         table = {name: [row[name] for row in rows] for name in rows[0]}
         record.log("summary", Text(_summary(table, places, queries), markdown=True))
-        for sentence in [*omitted, *misfits]:
+        for sentence in [*misfits, *omitted]:
             record.log("log", Text(f"left out: {sentence}"))
         return Report(_metrics(rows, places, queries, omitted, misfits), {"times": table}, _figures(rows))
 

@@ -21,6 +21,7 @@ from omnilab.api import (
     Series,
     Signatures,
     Text,
+    Tick,
 )
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses
@@ -118,7 +119,7 @@ class Linearity:
         table = _table([rival for rival in rivals if rival.name in curves], curves, signatures)
         metrics = _metrics(curves, lines, omitted, misfits)
         record.log("summary", Text(_summary(table, lines), markdown=True))
-        for sentence in [*omitted, *misfits]:
+        for sentence in [*misfits, *omitted]:
             record.log("log", Text(f"left out: {sentence}"))
         return Report(metrics, {"linearity": table, "curves": _points(curves)}, _figures(rivals, curves, table))
 
@@ -146,7 +147,7 @@ class Linearity:
             delivered.append(frames.plan_index)
             omitted += frames.omitted
             for i in np.flatnonzero((frames.plan_index + 1) % every == 0):
-                show_picture(record, frames, int(i))
+                show_picture(record, frames, int(i), Tick(int(frames.plan_index[i]), int(frames.stamps_ns[i])))
         if not delivered:
             raise DataError("the sensor delivered no images for the study's lines; look at what it left out")
         return {name: joined_signatures(b) for name, b in batches.items()}, np.concatenate(delivered), omitted
@@ -223,9 +224,11 @@ def _metrics(curves: Mapping[str, Curve], lines: Ints, omitted: list[str], misfi
 
 
 def _summary(table: Table, lines: Ints) -> str:
+    """The best first."""
     shown = ("descriptor", "distance", "slope_per_m", "r2_centred", "r2_origin", "monotone_m", "bytes")
-    title = f"Image distance against metric distance, {len(lines)} lines"
-    return "\n".join([f"## {title}", "", charts.markdown({name: table[name] for name in shown})])
+    order = np.argsort(table["r2_centred"])[::-1]
+    title = f"## Image distance against metric distance, {len(lines)} lines"
+    return "\n".join([title, "", charts.markdown({name: [table[name][i] for i in order] for name in shown})])
 
 
 def _figures(rivals: Sequence[Contestant], curves: Mapping[str, Curve], table: Table) -> dict[str, Any]:
