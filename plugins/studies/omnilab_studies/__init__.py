@@ -1,11 +1,13 @@
 """The studies: code that drives components and measures."""
 
 from omnilab.hooks import Register, hookimpl
+from omnilab_studies.cost import Cost
 from omnilab_studies.grid import Grid
+from omnilab_studies.linearity import Linearity
 from omnilab_studies.render import Render
 from omnilab_studies.views import Views
 
-__all__ = ["Grid", "Render", "Views"]
+__all__ = ["Cost", "Grid", "Linearity", "Render", "Views"]
 
 
 @hookimpl
@@ -13,3 +15,5 @@ def register_studies(register: Register) -> None:
     register("grid", Grid)
     register("views", Views)
     register("render", Render)
+    register("linearity", Linearity)
+    register("cost", Cost)

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterable, Sequence
+from dataclasses import fields, is_dataclass, replace
+from typing import Any, NamedTuple
 
-from omnilab.api import Descriptor, Distance, Parts
-from omnilab.errors import ConfigError
+import numpy as np
+
+from omnilab.api import Descriptor, Distance, Frames, Parts, Plan, Recorder, Signatures
+from omnilab.errors import ConfigError, DataError
+from omnilab_studies.common import describe, fitted
+
+PROBES = 8  # signatures on which a distance is tried
 
 
 class Contestant(NamedTuple):
@@ -15,6 +22,7 @@ class Contestant(NamedTuple):
     descriptor_name: str
     descriptor: Descriptor
     distance: Distance
+    distance_name: str
 
 
 def contestants(parts: Parts) -> list[Contestant]:
@@ -28,11 +36,67 @@ def contestants(parts: Parts) -> list[Contestant]:
                 "the study compares descriptors, and none is chosen; give descriptor=NAME, or several with"
                 " +descriptor@descriptors.ANY=NAME"
             )
-        return [Contestant("descriptor", "descriptor", parts.descriptor, parts.distance)]
+        return [Contestant("descriptor", "descriptor", parts.descriptor, parts.distance, "distance")]
     if not parts.distances:
-        return [Contestant(n, n, d, parts.default_distances[n]) for n, d in parts.descriptors.items()]
+        own = parts.default_distances
+        return [Contestant(n, n, d, own[n], d.default_distance) for n, d in parts.descriptors.items()]
     return [
-        Contestant(f"{n} + {m}" if len(parts.distances) > 1 else n, n, descriptor, distance)
+        Contestant(f"{n} + {m}" if len(parts.distances) > 1 else n, n, descriptor, distance, m)
         for n, descriptor in parts.descriptors.items()
         for m, distance in parts.distances.items()
     ]
+
+
+def descriptors_of(rivals: Iterable[Contestant]) -> dict[str, Descriptor]:
+    """The descriptors of contestants, each once, by name."""
+    return {rival.descriptor_name: rival.descriptor for rival in rivals}
+
+
+def settings_of(component: Any) -> str:
+    """A component's numbers, as NAME=VALUE; one that has learnt keeps those it had in `settings`."""
+    if not is_dataclass(component):
+        return ""
+    values = {f.name: getattr(component, f.name) for f in fields(component)}
+    if "settings" in values:
+        return settings_of(values["settings"])
+    return " ".join(f"{name}={value}" for name, value in values.items() if isinstance(value, int | float | str))
+
+
+def fitted_all(parts: Parts, plan: Plan, record: Recorder) -> Parts:
+    """The parts with descriptors that have seen the plan's frames, where they must."""
+    own = {name: fitted(replace(parts, descriptor=d), plan, record).descriptor for name, d in parts.descriptors.items()}
+    return replace(fitted(parts, plan, record), descriptors=own)
+
+
+def describe_all(rivals: Iterable[Contestant], frames: Frames, record: Recorder) -> dict[str, Signatures]:
+    """Signatures of frames by every contestant's descriptor, each described once and timed on its own."""
+    described = {}
+    for name, descriptor in descriptors_of(rivals).items():
+        with record.timed(f"describe: {name}", len(frames)):
+            described[name] = describe(descriptor, frames, record)
+    return described
+
+
+def joined_signatures(batches: Sequence[Signatures]) -> Signatures:
+    """Batches of one descriptor in one."""
+    headings = [batch.heading for batch in batches if batch.heading is not None]
+    return Signatures(
+        np.concatenate([batch.place for batch in batches]), np.concatenate(headings) if headings else None
+    )
+
+
+def prepared(rival: Contestant, signatures: Signatures) -> Any:
+    """The distance's index of signatures; DataError, with the reason, if the two do not go together."""
+    index = rival.distance.prepare(signatures)
+    if rival.descriptor.turned == "same" and _looks_for_turns(rival.distance, signatures):
+        raise DataError("the distance looks for turns along the last axis, which a turn of the camera does not shift")
+    return index
+
+
+def _looks_for_turns(distance: Distance, signatures: Signatures) -> bool:
+    """Whether signatures stay where they are, to this distance, when their last axes are shifted by a quarter."""
+    some = signatures[np.unique(np.linspace(0, len(signatures) - 1, PROBES).astype(int))]
+    shifted = np.roll(some.place, max(1, some.place.shape[-1] // 4), axis=-1)
+    moved = [not np.allclose(*pair) for pair in zip(shifted, some.place, strict=True)]
+    found = distance.match(Signatures(shifted, some.heading), distance.prepare(some)).distance
+    return any(moved) and bool((found.diagonal()[moved] < 1e-3 * np.median(found)).all())

@@ -1,0 +1,128 @@
+"""Plain parts for studies that compare descriptors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+
+from omnilab.api import Circle, Frames, GridPoses, Match, PathPoses, Plan, RandomPoses, Signatures
+from omnilab.errors import DataError
+from omnilab.geometry import heading_of, planar_poses
+from omnilab.projection import ImageCircle
+
+CAMERA = ImageCircle(16, 16, Circle(7.5, 7.5, 8))
+
+
+@dataclass
+class Floor:
+    """A floor of 4 x 3 m whose image at (x, y), heading h, is painted in the grey levels of 60 x, 60 y and 40 h."""
+
+    blocked: list[Any] = field(default_factory=list)  # [x, y] of nodes that are not free
+    unread: list[int] = field(default_factory=list)  # frames that cannot be delivered
+    asked: list[Any] = field(default_factory=list)  # the layouts, in order
+
+    def plan(self, layout):
+        self.asked.append(layout)
+        if isinstance(layout, PathPoses):
+            T = layout.T_world_camera
+        elif isinstance(layout, RandomPoses):
+            rng = np.random.default_rng(layout.seed)
+            T = planar_poses(np.column_stack([rng.uniform(0, [4, 3], (layout.count, 2)), np.ones(layout.count)]))
+        else:
+            assert isinstance(layout, GridPoses)
+            axes = [layout.step_m * np.arange(round(side / layout.step_m) + 1) for side in (4, 3)]
+            x, y = (a.ravel() for a in np.meshgrid(*axes))
+            free = [not any(np.allclose(node, spot) for spot in self.blocked) for node in zip(x, y, strict=True)]
+            T = planar_poses(np.column_stack([x, y, np.ones(len(x))])[free])
+        return Plan([str(i) for i in range(len(T))], T, [f"{spot}: inside 'box'" for spot in self.blocked])
+
+    def frames(self, plan):
+        for start in range(0, len(plan), 7):
+            part = np.array([i for i in range(start, min(start + 7, len(plan))) if i not in self.unread], int)
+            T = plan.T_world_camera[part]
+            images = np.zeros((len(part), 16, 16), np.uint8)
+            images[:, 5, 3:6] = np.round(np.column_stack([60 * T[:, :2, 3], 40 * np.mod(heading_of(T), 2 * np.pi)]))
+            lost = [f"{i}: torn" for i in self.unread if start <= i < start + 7]
+            yield Frames(images, [plan.keys[i] for i in part], part * 10, CAMERA, part, T, lost)
+
+    def scene(self):
+        return None
+
+
+@dataclass
+class Painted:
+    """Reads the position back, four columns wide."""
+
+    scale: float = 1.0
+    view, color, turned, default_distance = "mirror", False, "same", "apart"
+
+    def describe(self, images):
+        found = self.scale * images[:, 5, 3:5].astype(np.float32)
+        return Signatures(np.concatenate([found, found[:, :1] * 0, found[:, :1] * 0], axis=1))
+
+
+@dataclass
+class Shifting(Painted):
+    """The same, and says that turns shift it."""
+
+    turned = "shifts"
+
+
+@dataclass
+class Blind(Painted):
+    """Sees nothing."""
+
+    def describe(self, images):
+        return Signatures(np.zeros((len(images), 4), np.float32))
+
+
+@dataclass
+class Taught(Painted):
+    """Describes only after it has seen the map."""
+
+    def fit(self, images):
+        assert len(images) > 1
+        return Painted(self.scale)
+
+    def describe(self, images):
+        raise AssertionError("described before it was fitted")
+
+
+@dataclass
+class Apart:
+    """The length of the difference, to some power."""
+
+    power: float = 1.0
+
+    def prepare(self, places):
+        return places.place
+
+    def match(self, queries, index):
+        apart = np.linalg.norm(queries.place[:, None] - index[None], axis=-1)
+        return Match((apart**self.power).astype(np.float32))
+
+
+@dataclass
+class Turning(Apart):
+    """The same at the shift of the last axis that fits best."""
+
+    def match(self, queries, index):
+        shifted = [np.roll(queries.place, k, axis=-1) for k in range(queries.place.shape[-1])]
+        return Match(np.min([super(Turning, self).match(Signatures(s), index).distance for s in shifted], axis=0))
+
+
+@dataclass
+class Picky(Apart):
+    """Compares matrices alone."""
+
+    def prepare(self, places):
+        raise DataError("signatures of shape (4,) have no two axes")
+
+
+@pytest.fixture
+def plain():
+    """The classes above, by name."""
+    return {c.__name__: c for c in (Floor, Painted, Shifting, Blind, Taught, Apart, Turning, Picky)}

@@ -1,0 +1,55 @@
+"""The studies linearity and cost, as the command line runs them."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+
+WORLD = Path(__file__).with_name("box_world.yaml")
+SMALL = [
+    f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1", "descriptors.radon.offsets=48",
+    "descriptors.radon.angles=60", "descriptors.radon_gist.offsets=48", "descriptors.radon_gist.angles=60",
+]  # fmt: skip
+
+
+def rows_of(file):
+    with file.open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory):
+    return tmp_path_factory.mktemp("linearity")
+
+
+def test_linearity_ends_in_one_table(omnilab_in, here):
+    arguments = ["study.step_m=0.2", "study.reach_m=0.8", "study.references=4", "study.show=3"]
+    arguments += [f"descriptors.{name}=null" for name in ("hog", "radon_gist", "fourier_signature", "gist_4")]
+    arguments += [f"distances.{name}=null" for name in ("poc_squared", "log", "root", "euclidean")]
+    result = omnilab_in(here, "experiment=linearity", *SMALL, *arguments)
+    assert result.rc == 0, result.stderr
+    folder = here / "logs" / "latest"
+    rows = rows_of(folder / "linearity.csv")
+    pairs = {(row["descriptor"], row["distance"]) for row in rows}
+    assert {("radon", "poc"), ("gist", "pearson"), ("fourier_signature_4", "weighted")} <= pairs
+    assert not {("gist", "poc"), ("fourier_signature", "poc"), ("rotational_pca", "poc_band")} & pairs
+    assert "hog" not in {name for name, _ in pairs}
+    assert all(float(row["slope_per_m"]) > 0 for row in rows)
+    assert all((folder / name).stat().st_size > 0 for name in ("curves.csv", "curves.png", "pareto.png", "run.rrd"))
+    assert "r2_best" in result.stdout
+
+
+def test_cost_says_how_long_it_took(omnilab_in, here):
+    arguments = ["study.step_m=0.5", "study.query_count=20"]
+    arguments += [f"descriptors.{name}=null" for name in ("radon_45", "radon_gist", "hog_64", "gist", "ring_key")]
+    result = omnilab_in(here, "experiment=cost", *SMALL, *arguments)
+    assert result.rc == 0, result.stderr
+    folder = here / "logs" / "latest"
+    rows = {row["contestant"]: row for row in rows_of(folder / "times.csv")}
+    assert len(rows) == 8
+    assert all(float(row["describe_ms"]) > 0 and float(row["query_ms"]) > 0 for row in rows.values())
+    assert float(rows["rotational_pca"]["fit_s"]) > 0
+    assert float(rows["radon"]["bytes"]) == 4 * 48 * 60
+    assert (folder / "times.png").is_file()
