@@ -125,13 +125,20 @@ def _imports(top: str) -> set[str]:
     """The top-level names of all absolute imports in a package's files, also those within functions."""
     found = set()
     for path in _files(top):
-        if path.suffix == ".py":
-            for node in ast.walk(ast.parse(path.read_bytes())):
-                if isinstance(node, ast.Import):
-                    found |= {name.name.partition(".")[0] for name in node.names}
-                elif isinstance(node, ast.ImportFrom) and node.level == 0:
-                    found.add(str(node.module).partition(".")[0])
+        for node in ast.walk(_parsed(path)):
+            if isinstance(node, ast.Import):
+                found |= {name.name.partition(".")[0] for name in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.level == 0:
+                found.add(str(node.module).partition(".")[0])
     return found
+
+
+def _parsed(path: Path) -> ast.Module:
+    """A module; an empty one if the file is none, as a template or data would be."""
+    try:
+        return ast.parse(path.read_bytes() if path.suffix == ".py" else b"")
+    except (SyntaxError, ValueError):
+        return ast.Module([], [])
 
 
 @cache

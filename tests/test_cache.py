@@ -252,6 +252,11 @@ def test_source_code_is_part_of_the_key(known, cache, images, probe, file):
     assert made_anew(cache, known, images) == 10
 
 
+def test_a_file_of_a_package_that_is_no_module_does_no_harm(known, cache, images, probe):
+    Path(probe.__file__).with_name("template.py").write_text("from {{ this }} import that")
+    assert made_anew(cache, known, images) == 10
+
+
 @pytest.mark.parametrize("name", ["numpy", "omnilab", "opencv-python-headless"])
 def test_versions_are_part_of_the_key(known, cache, images, monkeypatch, name):
     true = fingerprint_module.version
