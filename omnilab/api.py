@@ -451,7 +451,11 @@ class Disturbance(Protocol):
 
 @runtime_checkable
 class Descriptor(Protocol):
-    """Turns images into signatures. Declares four things about itself as class attributes."""
+    """Turns images into signatures. Declares four things about itself as class attributes.
+
+    What an image's signature is depends on the image and the settings alone, bit for bit: the cache keeps signatures
+    image by image. Where the rest of a batch or anything else plays a part, `cached = False` beside the four says so.
+    """
 
     view: ClassVar[str]  # the picture it wants: "mirror" (square, as taken) or "panorama" (columns counter-clockwise)
     color: ClassVar[bool]  # RGB (True) or grey
@@ -496,7 +500,11 @@ class Localizer(Protocol):
 
 @runtime_checkable
 class Study(Protocol):
-    """Drives components and measures. `needs` names the parts without which it cannot run."""
+    """Drives components and measures. `needs` names the parts without which it cannot run.
+
+    A study of what describing costs says `cached: ClassVar[bool] = False` beside it: its descriptors describe each time,
+    whereas others may get theirs from the cache.
+    """
 
     needs: ClassVar[tuple[str, ...]]
 

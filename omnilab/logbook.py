@@ -29,6 +29,7 @@ class Logbook:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._handler: logging.Handler | None = None
+        self._teller = _Teller()
 
     def open(self, manifest: Mapping[str, Any], config_yaml: str, latest: Path | None = None) -> None:
         """Create the folder; from here on the run shows up in `omnilab runs`."""
@@ -47,6 +48,7 @@ class Logbook:
         self._handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
         logging.getLogger().addHandler(self._handler)
         logging.getLogger("omnilab").setLevel(logging.INFO)
+        logging.getLogger("omnilab").addHandler(self._teller)
 
     def status(self, status: str, **more: Any) -> None:
         """Say how the run stands: running, done, failed (with the error) or interrupted."""
@@ -72,6 +74,21 @@ class Logbook:
             logging.getLogger().removeHandler(self._handler)
             self._handler.close()
             self._handler = None
+            logging.getLogger("omnilab").removeHandler(self._teller)
+
+
+class _Teller(logging.Handler):
+    """Warnings, which the log of a run keeps, for the user to see: each once. Errors are told where they end the run."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self._told: set[str] = set()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        sentence = record.getMessage()
+        if record.levelno == logging.WARNING and sentence not in self._told:
+            self._told.add(sentence)
+            sys.stderr.write(f"omnilab: {sentence}\n")
 
 
 def _number(value: Any) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -109,10 +108,7 @@ class Recorder:
         except Exception as error:
             self.sinks.pop(name, None)
             self.dropped[name] = f"{type(error).__name__}: {error}"
-            sentence = f"sink '{name}' failed and is switched off, the run goes on: {self.dropped[name]}"
-            log.warning("%s", sentence)
-            if log.hasHandlers():  # those of a run write to its run.log alone
-                sys.stderr.write(f"omnilab: {sentence}\n")
+            log.warning("sink '%s' failed and is switched off, the run goes on: %s", name, self.dropped[name])
             log.info("traceback of sink '%s'", name, exc_info=error)
 
     def _keep_flushed(self) -> None:

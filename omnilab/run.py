@@ -20,12 +20,15 @@ from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from omnilab.api import Parts, Report
+from omnilab.cache import Cache
 from omnilab.errors import ConfigError, OmnilabError
+from omnilab.fingerprint import file_digests
 from omnilab.logbook import DONE, FAILED, INTERRUPTED, Logbook, origin
 from omnilab.record import Recorder
 from omnilab.registry import DICTS, KINDS, Registry, members
 
 log = logging.getLogger("omnilab")
+OFF = ("off", "false")  # what YAML makes of off
 
 
 @dataclass
@@ -44,6 +47,8 @@ class Run:
     seed: int = 0
     threads: int = 1  # of each matrix product: results are only the same bit for bit with the same number
     logs: str = "logs"  # where run folders go
+    cache: str | None = "cache"  # folder of descriptions, within `logs` unless absolute; off: describe everything anew
+    cache_gb: float = 4.0  # at most; then those go that were used longest ago
 
 
 ConfigStore.instance().store(name="omnilab_run", node=Run, provider="omnilab")
@@ -70,6 +75,8 @@ def build(config: DictConfig, registry: Registry) -> Run:
         raise ConfigError(f"threads={run.threads} cannot compute anything; give threads=1 or more")
     if run.seed < 0:
         raise ConfigError(f"seed={run.seed} starts no random numbers; give seed=0 or more")
+    if not run.cache_gb > 0:
+        raise ConfigError(f"cache_gb={run.cache_gb:g} holds nothing; give a number above 0, or cache=off")
     lacking = [slot for slot in run.study.needs if not _is_filled(getattr(run, slot))]
     if lacking:
         options = "; ".join(_way_to_fill(slot, registry) for slot in lacking)
@@ -167,13 +174,14 @@ def execute(run: Run, folder: Path, registry: Registry, overrides: Sequence[str]
     book = Logbook(folder)
     book.open(manifest_of(run, registry, overrides, experiment, config_yaml), config_yaml, Path(run.logs) / "latest")
     recorder = Recorder(run.sinks, folder)
+    cache = _cache(run)
     start = time.perf_counter()
     log.info("run of experiment '%s' starts: %s", experiment, " ".join(overrides))
     try:
         with _signals(recorder), recorder, pinned(run.threads):
             for failure in registry.failures:
-                log.warning("%s", failure.sentence)
-            report: Report = run.study.run(_parts(run, registry), recorder, np.random.default_rng(run.seed))
+                log.info("%s", failure.sentence)  # the command line has told the user
+            report: Report = run.study.run(_parts(run, registry, cache), recorder, np.random.default_rng(run.seed))
             book.write(report)
     except KeyboardInterrupt:
         book.status(INTERRUPTED, sinks_dropped=recorder.dropped)
@@ -186,7 +194,7 @@ def execute(run: Run, folder: Path, registry: Registry, overrides: Sequence[str]
         book.status(DONE, sinks_dropped=recorder.dropped)
         log.info("done in %.1f s", time.perf_counter() - start)
     finally:
-        book.write_costs(_costs(recorder, time.perf_counter() - start))
+        book.write_costs(_costs(recorder, cache, time.perf_counter() - start))
         book.close()
     return report
 
@@ -201,27 +209,26 @@ def manifest_of(
         "seed": run.seed,
         "config_hash": hashlib.sha256(config_yaml.encode()).hexdigest(),
         "components": named_components(run, registry),
-        "files": dict(_digests("", run)),
+        "files": file_digests("", run),
         "plugins_failed": [failure.sentence for failure in registry.failures],
         **origin(),
     }
 
 
-def _digests(path: str, settings: Any) -> Iterator[tuple[str, str]]:
-    """The SHA-256 of every file that a setting names."""
-    if is_dataclass(settings):
-        settings = {f.name: getattr(settings, f.name) for f in fields(settings)}
-    if isinstance(settings, Mapping):
-        for name, value in settings.items():
-            yield from _digests(f"{path}.{name}".removeprefix("."), value)
-    elif isinstance(settings, str | Path) and 0 < len(str(settings)) < 4096 and Path(settings).is_file():
-        with Path(settings).open("rb") as file:
-            yield path, hashlib.file_digest(file, "sha256").hexdigest()
+def _cache(run: Run) -> Cache | None:
+    """Where descriptions are kept; None if they are not, or the study measures what describing costs."""
+    if run.cache is None or run.cache.lower() in OFF or not getattr(run.study, "cached", True):
+        return None
+    return Cache(Path(run.logs) / run.cache, int(run.cache_gb * 1e9), run.threads)
 
 
-def _parts(run: Run, registry: Registry) -> Parts:
+def _parts(run: Run, registry: Registry, cache: Cache | None) -> Parts:
     own = {name: registry.get("distance", d.default_distance).cls() for name, d in run.descriptors.items()}
-    return Parts(**{f.name: getattr(run, f.name) for f in fields(Parts) if hasattr(run, f.name)}, default_distances=own)
+    parts = {f.name: getattr(run, f.name) for f in fields(Parts) if hasattr(run, f.name)}
+    if cache is not None:
+        parts["descriptor"] = run.descriptor and cache.wrap(run.descriptor)
+        parts["descriptors"] = {name: cache.wrap(d) for name, d in run.descriptors.items()}
+    return Parts(**parts, default_distances=own)
 
 
 @contextmanager
@@ -248,12 +255,14 @@ def _signals(recorder: Recorder) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _costs(recorder: Recorder, wall_s: float) -> list[tuple[str, float, str]]:
+def _costs(recorder: Recorder, cache: Cache | None, wall_s: float) -> list[tuple[str, float, str]]:
     rows = [("wall", wall_s, "s")]
     for stage, (seconds, count) in recorder.costs.items():
         rows.append((stage, seconds, "s"))
         if count > 1:
             rows.append((f"{stage}, each", 1e3 * seconds / count, "ms"))
+    if cache is not None and cache.found + cache.made > 0:
+        rows += [("described", cache.made, "images"), ("taken from the cache", cache.found, "images")]
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     rows.append(("peak memory", peak / (2**20 if sys.platform == "darwin" else 2**10), "MiB"))
     return rows

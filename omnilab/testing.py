@@ -52,7 +52,7 @@ def check_descriptor(descriptor: Any) -> None:
     """Shape, type, finite, deterministic, batch equals one by one, rotation as declared, defined on black, pickles."""
     _common("descriptor", descriptor)
     images = _pictures(descriptor.view, descriptor.color)
-    if isinstance(descriptor, api.Learner):
+    if is_learner := isinstance(descriptor, api.Learner):
         descriptor = descriptor.fit(images)
     first = descriptor.describe(images)
     _expect(isinstance(first, Signatures), f"describes images as {type(first).__name__}, not as Signatures")
@@ -64,9 +64,21 @@ def check_descriptor(descriptor: Any) -> None:
     single = [descriptor.describe(images[i : i + 1]) for i in range(len(images))]
     alone = Signatures(np.concatenate([s.place for s in single]))
     _expect(_same(Signatures(first.place), alone, 1e-5), "a batch gives other signatures than its images one by one")
+    if not is_learner and getattr(descriptor, "cached", True):
+        _check_parts(descriptor, images, first)
     black = descriptor.describe(np.zeros_like(images))
     _expect(bool(np.isfinite(black.place).all()), "black images give NaN or infinity")
     _check_turn(descriptor, images, first)
+
+
+def _check_parts(descriptor: Any, images: Bytes, whole: Signatures) -> None:
+    """What the cache counts on: the rest of a batch changes no bit of an image's signature."""
+    for chosen in (slice(0, 1), slice(1, None), slice(0, None, 2)):
+        some, same = descriptor.describe(np.ascontiguousarray(images[chosen])), whole[chosen]
+        alike = some.heading is None or same.heading is None or np.array_equal(some.heading, same.heading)
+        _expect(alike and np.array_equal(some.place, same.place),
+                "a part of a batch gives other signatures than the whole, in the last bits; describe image by image, or"
+                " say `cached = False`")  # fmt: skip
 
 
 def _check_turn(descriptor: Any, images: Bytes, before: Signatures) -> None:

@@ -68,6 +68,7 @@ def refused(omnilab_here):
         (["threads=0"], ["threads=0", "1 or more"]),
         (["threads=many"], ["threads=many", "Integer"]),
         (["seed=-1"], ["seed=-1", "0 or more"]),
+        (["cache_gb=0"], ["cache_gb=0", "above 0", "cache=off"]),
         (["descriptor=null"], ["null", "~descriptor"]),
         (["~descriptor"], ["needs a descriptor", "descriptor=fourier_signature|gist", "|radon|"]),
         (["~localizer"], ["needs a localizer", "localizer=nearest"]),

@@ -276,8 +276,37 @@ def test_a_run_goes_on_and_shows_the_failure(
     sentence = f"plugin 'broken' ({broken}) not loaded: ModuleNotFoundError: No module named 'nowhere_to_be_found'"
     assert err.splitlines()[0] == f"omnilab: {sentence} (omnilab plugins -v shows the traceback)"
     assert rc == 0
+    assert err.count(sentence) == 1
     assert sentence in Path("logs/ping/run.log").read_text()
     assert json.loads(Path("logs/ping/manifest.json").read_text())["plugins_failed"] == [sentence]
+
+
+GRUMBLE = """
+import logging
+
+@dataclass
+class Grumble:
+    needs = ()
+
+    def run(self, parts, record, rng):
+        for level in logging.INFO, logging.WARNING, logging.WARNING:
+            logging.getLogger("omnilab").log(level, "the %s light flickers", logging.getLevelName(level))
+        return Report([])
+
+@hookimpl
+def register_studies(register): register("grumble", Grumble)
+"""
+
+
+def test_warnings_of_a_plugin_are_kept_in_the_log_and_told_to_the_user_once(
+    write: Write, omnilab_here: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OMNILAB_PLUGINS", str(write("grumble", MEAN + GRUMBLE)))
+    run = "~experiment", "study=grumble", "~sinks.rerun", "~sinks.mcap"
+    for job in "ab":  # in one process, as the jobs of a sweep
+        rc, _, err = omnilab_here(*run, f"hydra.run.dir=logs/{job}")
+        assert (rc, err) == (0, "omnilab: the WARNING light flickers\n")
+        assert Path(f"logs/{job}/run.log").read_text().count("light flickers") == 3
 
 
 HEAVY = {"cv2", "gtsam", "matplotlib", "mcap", "numba", "pandas", "pyarrow", "rerun", "scipy", "skimage"}

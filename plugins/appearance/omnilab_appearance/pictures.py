@@ -64,4 +64,4 @@ def columns_around(values: Floats, width: int, spacing: int) -> Floats:
     sums = np.cumsum(np.concatenate([values, values[..., :width]], -1), -1, dtype=np.float64)
     sums = np.concatenate([np.zeros_like(sums[..., :1]), sums], -1)
     starts = np.arange(0, samples, spacing)
-    return np.asarray((sums[..., starts + width] - sums[..., starts]) / width, np.float32)
+    return np.asarray((sums[..., starts + width] - sums[..., starts]) / width, np.float32, order="C")

@@ -1,0 +1,148 @@
+"""The descriptions by one descriptor, in files that many processes may read and write at once."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import secrets
+import zipfile
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from omnilab.api import Bytes, Signatures
+
+KEY_BYTES = 16  # of an image's digest
+DAMAGED = (ValueError, KeyError, EOFError, MemoryError, NotImplementedError, zipfile.BadZipFile)
+Arrays = dict[str, npt.NDArray[Any]]
+
+
+def keys_of(images: Bytes) -> list[bytes]:
+    """The digest of each of N images: of its type, its shape and its pixels."""
+    kind = f"{images.dtype.str} {images.shape[1:]} ".encode()
+    return [hashlib.sha256(kind + image.tobytes()).digest()[:KEY_BYTES] for image in images]
+
+
+class Shelf:
+    """A folder with one .npz file for each batch: the digests `keys` (N, 16) of its images and their signatures.
+
+    A file is written under another name first and never changed afterwards: whoever writes may be killed at any time.
+    A file that cannot be read is removed, and `damaged` told which it was and what was wrong.
+    """
+
+    def __init__(self, folder: Path, about: str, damaged: Callable[[Path, Exception], None]) -> None:
+        self.folder = folder / hashlib.sha256(about.encode()).hexdigest()[:32]
+        self._about = about
+        self._damaged = damaged
+        self._index: dict[bytes, tuple[Path, int]] = {}  # an image's digest: file and row
+        self._seen: set[Path] = set()
+
+    def load(self, keys: Sequence[bytes]) -> tuple[Signatures | None, list[int]]:
+        """Room for the signatures of all, filled for those that are known (None if none is); and which these are."""
+        if not self._index.keys() >= set(keys):
+            self._look()
+        wanted: dict[Path, list[tuple[int, int]]] = defaultdict(list)
+        for position, key in enumerate(keys):
+            if key in self._index:
+                file, row = self._index[key]
+                wanted[file].append((position, row))
+        room: Signatures | None = None
+        known: list[int] = []
+        for file, pairs in wanted.items():
+            arrays = self._read(file, ("place", "heading"))
+            if arrays is None:
+                continue
+            stored = Signatures(arrays["place"], arrays.get("heading"))
+            positions, rows = np.array(pairs).T
+            room = room or empty_like(stored, len(keys))
+            if not is_alike(stored, room):
+                self._remove(file, ValueError(f"signatures of shape {stored.place.shape[1:]}"))
+                continue
+            put(room, positions, stored[rows])
+            known += positions.tolist()
+            with suppress(FileNotFoundError):
+                os.utime(file)  # used last
+        return room, known
+
+    def store(self, keys: Sequence[bytes], made: Signatures) -> int:
+        """Write one batch; how many bytes it takes. OSError if the disk does not take it."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        about = self.folder / "about.txt"
+        if not about.exists():
+            about.write_text(self._about, encoding="utf-8")
+        joined = b"".join(keys)
+        file = self.folder / f"{hashlib.sha256(joined).hexdigest()[:32]}.npz"
+        part = file.with_suffix(f".{os.getpid()}-{secrets.token_hex(4)}.part")
+        arrays: dict[str, Any] = {"keys": np.frombuffer(joined, np.uint8).reshape(-1, KEY_BYTES), "place": made.place}
+        try:
+            with part.open("wb") as out:
+                np.savez(out, **arrays if made.heading is None else arrays | {"heading": made.heading})
+            size = part.stat().st_size
+            part.replace(file)
+        finally:
+            part.unlink(missing_ok=True)
+        self._take_up(file, keys)
+        return size
+
+    def _look(self) -> None:
+        """Take up the files that have appeared, by whatever process."""
+        for file in sorted(set(self.folder.glob("*.npz")) - self._seen):
+            if arrays := self._read(file, ("keys",)):
+                self._take_up(file, [key.tobytes() for key in arrays["keys"]])
+
+    def _take_up(self, file: Path, keys: Sequence[bytes]) -> None:
+        self._seen.add(file)
+        self._index |= {key: (file, row) for row, key in enumerate(keys)}
+
+    def _read(self, file: Path, names: Sequence[str]) -> Arrays | None:
+        """Some arrays of a file (zip's checksums tell whether they are whole); None if it is gone or damaged."""
+        try:
+            with file.open("rb") as opened, np.load(opened, allow_pickle=False) as stored:
+                arrays = {name: stored[name] for name in names if name != "heading" or name in stored.files}
+            _check(arrays)
+        except FileNotFoundError:  # thrown away, by another process
+            return None
+        except DAMAGED as error:
+            self._remove(file, error)
+            return None
+        return arrays
+
+    def _remove(self, file: Path, error: Exception) -> None:
+        file.unlink(missing_ok=True)
+        self._damaged(file, error)
+
+
+def _check(arrays: Arrays) -> None:
+    """ValueError unless the arrays are such as `store` writes."""
+    for name, array in arrays.items():
+        if name == "keys" and (array.dtype != np.uint8 or array.shape[1:] != (KEY_BYTES,)):
+            raise ValueError(f"keys are {array.dtype} {array.shape}")
+        if name != "keys" and (array.dtype != np.float32 or len(array) != len(arrays["place"])):
+            raise ValueError(f"{name} is {array.dtype} {array.shape}")
+
+
+def empty_like(signatures: Signatures, count: int) -> Signatures:
+    """Room for `count` signatures."""
+    heading = signatures.heading
+    return Signatures(
+        np.empty((count, *signatures.place.shape[1:]), np.float32),
+        None if heading is None else np.empty((count, *heading.shape[1:]), np.float32),
+    )
+
+
+def is_alike(one: Signatures, other: Signatures) -> bool:
+    """Whether their parts have the same shapes."""
+    shapes = [[p.shape[1:] for p in (s.place, s.heading) if p is not None] for s in (one, other)]
+    return shapes[0] == shapes[1]
+
+
+def put(room: Signatures, where: Sequence[int] | npt.NDArray[Any], signatures: Signatures) -> None:
+    """Copy signatures to their places."""
+    room.place[where] = signatures.place
+    if room.heading is not None and signatures.heading is not None:
+        room.heading[where] = signatures.heading

@@ -1,0 +1,433 @@
+"""Descriptions on disk: the same bits as without them, never stale, and nothing on the disk that can stop a run."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import pickle
+import subprocess
+import sys
+import textwrap
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import omnilab.cache as cache_module
+import omnilab.fingerprint as fingerprint_module
+import omnilab.shelf as shelf_module
+from omnilab.cache import Cache
+from omnilab.fingerprint import fingerprint
+
+LIMIT = 10**9
+SOURCE = '''
+from dataclasses import dataclass
+import numpy as np
+from omnilab.api import Signatures
+from {name}_helper import FACTOR
+
+@dataclass
+class Rows:
+    """Means of the rows, and of the columns."""
+    power: int = 1
+    model: str = ""
+    view, color, turned, default_distance = "panorama", False, "same", "euclidean"
+    def __post_init__(self):
+        self.batches = []  # a copy counts along
+    def describe(self, images):
+        self.batches.append(len(images))
+        rows, columns = (images.mean(axis, dtype=np.float32) for axis in (2, 1))
+        return Signatures(FACTOR * rows**self.power, columns)
+
+@dataclass
+class Twin(Rows):
+    """The same under another name."""
+
+@dataclass
+class Moody(Rows):
+    """Whose signatures lie in another order in memory."""
+    def describe(self, images):
+        found = super().describe(images)
+        return Signatures(np.asfortranarray(found.place), found.heading)
+
+@dataclass
+class Secret(Rows):
+    """Which says that it must not be kept."""
+    cached = False
+
+@dataclass
+class Taught(Rows):
+    """Which learns."""
+    def fit(self, images):
+        return self
+'''
+
+
+@pytest.fixture
+def probe(tmp_path, monkeypatch):
+    """A package with descriptors, and a module that it imports."""
+    name = f"probe_{tmp_path.name.replace('-', '_')}"
+    package = tmp_path / "source" / name
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text(SOURCE.format(name=name))
+    (package.parent / f"{name}_helper.py").write_text("FACTOR = 2\n")
+    monkeypatch.syspath_prepend(package.parent)
+    yield importlib.import_module(name)
+    for module in (name, f"{name}_helper"):
+        del sys.modules[module]
+    forget()
+
+
+def forget():
+    """As a new process would begin."""
+    fingerprint_module._source.cache_clear()
+    fingerprint_module._processor.cache_clear()
+
+
+@pytest.fixture
+def cache(tmp_path):
+    """`cache()`: what another run would have."""
+    return lambda limit=LIMIT, threads=1: Cache(tmp_path / "cache", limit, threads)
+
+
+@pytest.fixture
+def images():
+    return np.random.default_rng(0).integers(0, 256, (10, 12, 16), dtype=np.uint8)
+
+
+def is_same(one, other):
+    return (one.place.tobytes(), one.heading.tobytes(), one.place.shape, one.heading.shape) == (
+        other.place.tobytes(), other.heading.tobytes(), other.place.shape, other.heading.shape
+    )  # fmt: skip
+
+
+# ------------------------------------------------------------------------------------------------------ the same bits
+def test_signatures_are_the_same_cold_warm_and_without(probe, cache, images):
+    plain = probe.Rows()
+    for taken in (0, 10):
+        store = cache()
+        assert is_same(store.wrap(plain).describe(images), plain.describe(images))
+        assert (store.found, store.made) == (taken, 10 - taken)
+
+
+def test_only_images_that_are_not_known_are_described_in_one_batch(probe, cache, images):
+    cache().wrap(probe.Rows()).describe(images[2:5])
+    cache().wrap(probe.Rows()).describe(images[6:8])
+    plain, order = probe.Rows(), [9, 3, 0, 7, 3, 2, 1, 6, 5, 4, 8]
+    store = cache()
+    found = store.wrap(plain).describe(images[order])
+    assert plain.batches == [5]
+    assert (store.found, store.made) == (6, 5)
+    assert is_same(found, probe.Rows().describe(images[order]))
+    cache().wrap(plain).describe(images)
+    assert plain.batches == [5]
+
+
+def test_what_another_process_has_described_meanwhile_is_seen(probe, cache, images):
+    plain = probe.Rows()
+    early = cache().wrap(plain)
+    early.describe(images[:2])
+    cache().wrap(probe.Rows()).describe(images[2:])
+    early.describe(images[2:])
+    assert plain.batches == [2]
+
+
+def test_what_is_given_back_can_be_changed(probe, cache, images):
+    cached = cache().wrap(probe.Rows())
+    for _ in range(3):
+        found = cached.describe(images)
+        assert is_same(found, probe.Rows().describe(images))
+        found.place[:] = 0
+
+
+def test_no_images_have_no_signatures(probe, cache, images):
+    assert len(cache().wrap(probe.Rows()).describe(images[:0])) == 0
+
+
+def test_signatures_in_another_order_in_memory_stay_as_they_are(probe, cache, images):
+    """Sums over them could differ in the last bits."""
+    for _ in range(2):
+        assert cache().wrap(probe.Moody()).describe(images).place.flags.f_contiguous
+
+
+# -------------------------------------------------------------------------------------- a descriptor like the given one
+def test_a_wrapped_descriptor_is_one_of_its_class(probe, cache, images):
+    wrapped = cache().wrap(probe.Rows(power=3))
+    assert isinstance(wrapped, probe.Rows)
+    assert (wrapped.power, wrapped.view, wrapped.color, wrapped.turned) == (3, "panorama", False, "same")
+    assert (type(wrapped).__name__, repr(wrapped)) == ("Rows", repr(probe.Rows(power=3)))
+
+
+@pytest.mark.parametrize("change", ["replace", "set"])
+def test_settings_that_a_study_changes_count(probe, cache, images, change):
+    wrapped = cache().wrap(probe.Rows())
+    wrapped.describe(images)
+    if change == "set":
+        wrapped.power = 2
+    else:
+        wrapped = replace(wrapped, power=2)
+    assert is_same(wrapped.describe(images), probe.Rows(power=2).describe(images))
+
+
+def test_a_wrapped_descriptor_survives_pickling(probe, cache, images):
+    wrapped = pickle.loads(pickle.dumps(cache().wrap(probe.Rows(power=2))))
+    wrapped.describe(images)
+    again = pickle.loads(pickle.dumps(wrapped))
+    again.batches.clear()
+    assert is_same(again.describe(images), probe.Rows(power=2).describe(images))
+    assert again.batches == []
+
+
+@pytest.mark.parametrize("name", ["Taught", "Secret"])
+def test_what_learns_and_what_says_so_is_not_kept(probe, cache, name):
+    descriptor = getattr(probe, name)()
+    assert cache().wrap(descriptor) is descriptor
+
+
+def test_a_setting_that_names_a_folder_cannot_be_followed(probe, cache, images, tmp_path):
+    store = cache()
+    store.wrap(probe.Rows(model=str(tmp_path))).describe(images)
+    assert (store.found, store.made) == (0, 0)
+    assert not (tmp_path / "cache").exists()
+
+
+def test_a_class_without_a_source_file_is_not_kept(probe, monkeypatch):
+    monkeypatch.setattr(sys.modules[probe.__name__], "__spec__", None)
+    assert fingerprint(probe.Rows()) is None
+
+
+# ------------------------------------------------------------------------------------- every way in which a key changes
+def made_anew(cache, descriptor, images, **settings):
+    """How many images are described."""
+    forget()
+    store = cache(**settings)
+    store.wrap(descriptor).describe(images)
+    return store.made
+
+
+@pytest.fixture
+def known(probe, cache, images, tmp_path):
+    """Descriptions by one descriptor, with a model in a file."""
+    model = tmp_path / "model.bin"
+    model.write_bytes(b"weights")
+    descriptor = probe.Rows(model=str(model))
+    assert made_anew(cache, descriptor, images) == 10
+    assert made_anew(cache, descriptor, images) == 0
+    return descriptor
+
+
+def test_a_pixel_is_part_of_the_key(known, cache, images):
+    images[3, 5, 7] ^= 1
+    assert made_anew(cache, known, images) == 1
+
+
+def test_the_shape_is_part_of_the_key(known, cache, images):
+    assert made_anew(cache, known, images.reshape(10, 16, 12)) == 10
+
+
+def test_the_type_is_part_of_the_key(known, cache, images):
+    assert made_anew(cache, known, images.view(np.int8)) == 10
+
+
+def test_a_setting_is_part_of_the_key(known, cache, images):
+    assert made_anew(cache, replace(known, power=2), images) == 10
+
+
+def test_the_content_of_a_file_that_a_setting_names_is_part_of_the_key(known, cache, images):
+    Path(known.model).write_bytes(b"weighty")
+    assert made_anew(cache, known, images) == 10
+
+
+def test_the_class_is_part_of_the_key(known, cache, images, probe):
+    assert made_anew(cache, probe.Twin(model=known.model), images) == 10
+
+
+@pytest.mark.parametrize("file", ["{0}/__init__.py", "{0}/table.csv", "{0}_helper.py"])
+def test_source_code_is_part_of_the_key(known, cache, images, probe, file):
+    """Its package, whatever the file, and what the package imports from a source tree."""
+    path = Path(probe.__file__).parent.parent / file.format(probe.__name__)
+    path.write_text((path.read_text() if path.exists() else "") + "\n# edited\n")
+    assert made_anew(cache, known, images) == 10
+
+
+def test_a_file_of_a_package_that_is_no_module_does_no_harm(known, cache, images, probe):
+    Path(probe.__file__).with_name("template.py").write_text("from {{ this }} import that")
+    assert made_anew(cache, known, images) == 10
+
+
+@pytest.mark.parametrize("name", ["numpy", "omnilab", "opencv-python-headless"])
+def test_versions_are_part_of_the_key(known, cache, images, monkeypatch, name):
+    true = fingerprint_module.version
+    monkeypatch.setattr(fingerprint_module, "version", lambda asked: "99" if asked == name else true(asked))
+    assert made_anew(cache, known, images) == 10
+
+
+def test_the_versions_of_all_that_shipped_descriptors_compute_with_are_in_their_keys():
+    from omnilab_appearance import Radon
+
+    first_words = {line.partition(" ")[0] for line in fingerprint(Radon()).splitlines()}
+    assert {"numpy", "scipy", "numba", "opencv-python-headless", "omnilab", "omnilab-appearance"} <= first_words
+
+
+@pytest.mark.parametrize("what", ["python_version", "machine"])
+def test_python_and_the_machine_are_part_of_the_key(known, cache, images, monkeypatch, what):
+    monkeypatch.setattr(fingerprint_module.platform, what, lambda: "another")
+    assert made_anew(cache, known, images) == 10
+
+
+def test_the_number_of_threads_is_part_of_the_key(known, cache, images):
+    assert made_anew(cache, known, images, threads=2) == 10
+
+
+def test_the_format_is_part_of_the_key(known, cache, images, monkeypatch):
+    monkeypatch.setattr(cache_module, "FORMAT", cache_module.FORMAT + 1)
+    assert made_anew(cache, known, images) == 10
+
+
+# ------------------------------------------------------------------------------------------------- what can go wrong
+def flip(content):
+    middle = len(content) // 2
+    return content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
+
+
+@pytest.mark.parametrize(
+    "spoil", [flip, lambda c: c[: len(c) // 2], lambda c: b"", lambda c: b"no archive at all", lambda c: c[:-30]],
+    ids=["a bit", "half", "empty", "text", "no end"],
+)  # fmt: skip
+def test_a_damaged_file_counts_as_none_is_said_once_and_written_anew(probe, cache, images, tmp_path, caplog, spoil):
+    for half in (images[:5], images[5:]):
+        cache().wrap(probe.Rows()).describe(half)
+    files = sorted(tmp_path.glob("cache/*/*.npz"))
+    assert len(files) == 2
+    for file in files:
+        file.write_bytes(spoil(file.read_bytes()))
+    store = cache()
+    assert is_same(store.wrap(probe.Rows()).describe(images), probe.Rows().describe(images))
+    assert store.made == 10
+    assert caplog.text.count("is damaged") == 1
+    assert made_anew(cache, probe.Rows(), images) == 0
+
+
+@pytest.mark.parametrize(
+    "arrays",
+    [
+        {"place": np.zeros((10, 12))},
+        {"place": np.zeros((3, 12), np.float32)},
+        {"keys": np.zeros((10, 3), np.uint8)},
+        {"heading": np.array([{}] * 10, dtype=object)},
+    ],
+    ids=["type", "count", "keys", "objects"],
+)
+def test_arrays_that_no_cache_writes_count_as_damage(probe, cache, images, tmp_path, caplog, arrays):
+    """Objects would have to be unpickled: that never happens."""
+    cache().wrap(probe.Rows()).describe(images)
+    (file,) = tmp_path.glob("cache/*/*.npz")
+    with np.load(file) as stored:
+        written = dict(stored)
+    np.savez(file, **written | arrays)
+    assert is_same(cache().wrap(probe.Rows()).describe(images), probe.Rows().describe(images))
+    assert caplog.text.count("is damaged") == 1
+
+
+def test_a_full_disk_is_said_once_and_the_run_goes_on(probe, cache, images, monkeypatch, caplog, tmp_path):
+    def full(out, **arrays):
+        out.write(b"half of it")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(shelf_module.np, "savez", full)
+    wrapped = cache().wrap(probe.Rows())
+    for half in (images[:5], images[5:]):
+        assert is_same(wrapped.describe(half), probe.Rows().describe(half))
+    assert caplog.text.count("cannot be written (No space left on device)") == 1
+    assert [file.name for file in tmp_path.glob("cache/*/*")] == ["about.txt"]
+
+
+def test_a_file_in_the_place_of_the_folder_costs_the_saving_only(probe, cache, images, tmp_path, caplog):
+    (tmp_path / "cache").write_text("mine")
+    for _ in range(2):
+        assert is_same(cache().wrap(probe.Rows()).describe(images), probe.Rows().describe(images))
+    assert "cannot be written" in caplog.text
+    assert (tmp_path / "cache").read_text() == "mine"
+
+
+def test_a_file_that_vanishes_after_it_was_seen_counts_as_none(probe, cache, images, tmp_path):
+    wrapped = cache().wrap(probe.Rows())
+    wrapped.describe(images)
+    (file,) = tmp_path.glob("cache/*/*.npz")
+    file.unlink()
+    assert is_same(wrapped.describe(images), probe.Rows().describe(images))
+    assert file.exists()
+
+
+def test_what_was_used_longest_ago_goes_first(probe, cache, tmp_path):
+    batches = np.random.default_rng(1).integers(0, 256, (4, 16, 64, 64), dtype=np.uint8)
+    for batch in batches[:3]:
+        cache().wrap(probe.Rows()).describe(batch)
+    files = {file: file.stat().st_size for file in tmp_path.glob("cache/*/*.npz")}
+    size = max(files.values())
+    for file in files:
+        os.utime(file, (time.time() - 100, time.time() - 100))
+    cache().wrap(probe.Rows()).describe(batches[0])  # used again
+    cache(limit=int(3.5 * size)).wrap(probe.Rows()).describe(batches[3])
+    left = sum(file.stat().st_size for file in tmp_path.glob("cache/*/*.npz"))
+    assert left <= 0.9 * 3.5 * size
+    assert [made_anew(cache, probe.Rows(), batch) for batch in (batches[0], batches[3])] == [0, 0]
+
+
+def test_what_a_dead_writer_left_goes_when_room_is_made(probe, cache, images, tmp_path):
+    cache().wrap(probe.Rows()).describe(images[:5])
+    (folder,) = (tmp_path / "cache").iterdir()
+    old, new = folder / "a.1-00.part", folder / "b.2-00.part"
+    for part in (old, new):
+        part.write_bytes(b"x" * 5000)
+    os.utime(old, (time.time() - 7200, time.time() - 7200))
+    cache(limit=100).wrap(probe.Rows()).describe(images[5:])
+    assert not old.exists()
+    assert new.exists(), "someone may still be writing it"
+
+
+WRITER = """
+    import sys, numpy as np
+    from pathlib import Path
+    from omnilab.cache import Cache
+    from omnilab_appearance import TinyImage
+    tiny, rng = Cache(Path(sys.argv[1]), 10**9, 1).wrap(TinyImage()), np.random.default_rng(5)
+    print("ready", flush=True)
+    sys.stdin.readline()
+    for images in rng.integers(0, 256, (200, 8, 32, 64), dtype=np.uint8):
+        tiny.describe(images)
+"""
+
+
+def writer(folder):
+    process = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(WRITER), folder],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert process.stdout.readline() == "ready\n", process.stderr.read()
+    return process
+
+
+@pytest.mark.parametrize("end", ["both go on", "one is killed"])
+def test_two_processes_write_at_once(tmp_path, caplog, end):
+    """Whatever they leave is whole, and right; a killed one leaves at most unfinished files."""
+    from omnilab_appearance import TinyImage
+
+    writers = [writer(tmp_path), writer(tmp_path)]
+    for one in writers:
+        one.stdin.write("go\n")
+        one.stdin.flush()
+    if end == "one is killed":
+        while not any(tmp_path.glob("*/*.npz")):
+            time.sleep(0.01)
+        writers[0].kill()
+    errors = [one.communicate()[1] for one in writers]
+    assert errors == ["", ""]
+    assert writers[1].returncode == 0
+    store = Cache(tmp_path, LIMIT, 1)
+    for images in np.random.default_rng(5).integers(0, 256, (200, 8, 32, 64), dtype=np.uint8):
+        assert np.array_equal(store.wrap(TinyImage()).describe(images).place, TinyImage().describe(images).place)
+    assert (store.found, store.made) == (1600, 0)
+    assert "damaged" not in caplog.text
