@@ -3,9 +3,11 @@
 from omnilab.hooks import Register, hookimpl
 from omnilab_studies.grid import Grid
 from omnilab_studies.render import Render
+from omnilab_studies.resolution import Resolution
+from omnilab_studies.robustness import Robustness
 from omnilab_studies.views import Views
 
-__all__ = ["Grid", "Render", "Views"]
+__all__ = ["Grid", "Render", "Resolution", "Robustness", "Views"]
 
 
 @hookimpl
@@ -13,3 +15,5 @@ def register_studies(register: Register) -> None:
     register("grid", Grid)
     register("views", Views)
     register("render", Render)
+    register("robustness", Robustness)
+    register("resolution", Resolution)
