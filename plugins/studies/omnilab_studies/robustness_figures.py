@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from omnilab_studies.levels import Level
     from omnilab_studies.rivals import Cost
-    from omnilab_studies.robustness import Level
 
 CURVES = ["#2563a8", "#d1403f", "#2a9d5c", "#e9a320", "#7d4fa3", "#17a2b0", "#8b5a2b", "#d6579b", "#5b6470", "#9aa51e"]
 MARKERS = "osD^vP*Xph"
@@ -135,7 +135,7 @@ def _plain(axes: Axes) -> None:
 
 
 def _value(level: Level) -> str:
-    return f"{level.value:g}" if isinstance(level.value, float | int) else "on"
+    return f"{level.value:g}" if isinstance(level.value, float | int) else level.value
 
 
 def _by_disturbance(levels: Sequence[Level]) -> dict[str, list[int]]:

@@ -172,13 +172,13 @@ def test_rates_areas_and_breakdowns_are_those_that_geometry_gives():
     nearest = np.array(report.tables["levels"]["nearest_rate"])
     # nodes every 20 levels, and queries between the first and the last: pushed by a quarter of a cell a quarter of each
     # cell but the last answers the next node, pushed by a whole cell only the right half of the last cell stays
-    by_hand = {("clear", ""): 1.0, ("push", 5): 0.75, ("push", 20): 1 / 6, ("none", ""): 1.0}
+    by_hand = {("clear", ""): 1.0, ("push", 5): 0.75, ("push", 20): 1 / 6, ("none", "as set"): 1.0}
     for (disturbance, level), rate in by_hand.items():
         assert nearest[rows["read", disturbance, level]] == pytest.approx(rate, abs=0.07)  # four standard deviations
     found = values(report)
     pushed = [nearest[rows["read", "push", level]] for level in (5, 20)]
     assert found["read_area_push"] == pytest.approx(np.mean(pushed))
-    assert found["read_area"] == pytest.approx((np.mean(pushed) + nearest[rows["read", "none", ""]]) / 2)
+    assert found["read_area"] == pytest.approx((np.mean(pushed) + nearest[rows["read", "none", "as set"]]) / 2)
     assert report.tables["robustness"]["breakdown_push"] == [20, ""]  # blind guesses are as good pushed as clear
     assert report.tables["robustness"]["breakdown_none"] == ["", ""]
     assert found["blind_clear_rate"] == pytest.approx(1 / 36, abs=0.03)  # the corner's quarter cell, of 3 x 3 cells
