@@ -17,14 +17,13 @@ from omnilab.api import (
     Recorder,
     Report,
     Series,
-    Signature,
     Text,
     Tick,
 )
 from omnilab.errors import ConfigError, did_you_mean
 from omnilab.metrics import VERDICTS
 from omnilab_studies import resolution_figures as figures
-from omnilab_studies.common import deliver
+from omnilab_studies.common import deliver, show_signature
 from omnilab_studies.contestants import Contestant
 from omnilab_studies.layouts import SIZES
 from omnilab_studies.rivals import Cost, Rivals
@@ -65,6 +64,8 @@ class Resolution:
             raise ConfigError(f"study.settings={self.settings} are not two; give such as [offsets, angles]")
         if not self.sizes or any(len(size) != 2 or min(size) < 1 for size in self.sizes):
             raise ConfigError(f"study.sizes={self.sizes} are no sizes; give a list of [{', '.join(self.settings)}]")
+        if len({tuple(size) for size in self.sizes}) < len(self.sizes):
+            raise ConfigError(f"study.sizes={self.sizes} has a size twice; give each once")
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Describe the map in every size, ask with both kinds of headings, score."""
@@ -83,12 +84,14 @@ class Resolution:
         # the queries: the same positions with any heading, and with the headings of each angle grid
         at, share = positions_within(grid, self.query_count, rng), rng.random(self.query_count)
         answered: dict[tuple[str, str], Scored] = {}  # of a contestant, for a kind of headings
-        answered |= self._ask(parts, rivals, list(sizes), headed(at, share), ANY, record)
+        answered |= self._ask(parts, rivals, list(sizes), headed(at, share), ANY, "queries, any heading", record)
         first = next(iter(answered.values()))
         record.log("answers", Answers(first.truth_m, first.answer_m, list(first.verdict)))
         for angles in dict.fromkeys(size[1] for size in self.sizes):
             names = [name for name, size in zip(sizes, self.sizes, strict=True) if size[1] == angles]
-            answered |= self._ask(parts, rivals, names, headed(at, share, angles), ON_GRID, record)
+            answered |= self._ask(
+                parts, rivals, names, headed(at, share, angles), ON_GRID, f"queries, {angles} headings", record
+            )
 
         # what it amounts to
         rows = self._rows(rivals, distances, answered)
@@ -115,17 +118,23 @@ class Resolution:
         return {" x ".join(str(v) for v in size.values()): replace(descriptor, **size) for size in sizes}
 
     def _ask(
-        self, parts: Parts, rivals: Rivals, names: list[str], poses: PathPoses, headings: str, record: Recorder
+        self,
+        parts: Parts,
+        rivals: Rivals,
+        names: list[str],
+        poses: PathPoses,
+        headings: str,
+        stage: str,
+        record: Recorder,
     ) -> dict[tuple[str, str], Scored]:
         """The answers of some sizes to queries, by contestant."""
         found: dict[tuple[str, str], list[Scored]] = {}
-        stage = f"queries, {headings.replace('_', ' ')}"
         for frames in deliver(parts, parts.sensor.plan(poses), record, stage):
             for answered in rivals.answers_of(names, frames):
                 found.setdefault((answered.contestant.name, headings), []).append(answered.scored)
                 if headings == ANY and 0 in frames.plan_index:
                     step = names.index(answered.contestant.descriptor_name)
-                    record.log("query/signature", Signature(answered.signatures.place[0]), Tick(step, SIZE_NS * step))
+                    show_signature(record, answered.signatures.place[0], Tick(step, SIZE_NS * step))
         return {key: joined(batches) for key, batches in found.items()}
 
     def _rows(

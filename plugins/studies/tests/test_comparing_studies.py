@@ -269,7 +269,15 @@ def test_resolution_asks_all_sizes_at_the_same_positions():
 
 
 @pytest.mark.parametrize(
-    "settings", [{"settings": ["offsets"]}, {"sizes": []}, {"sizes": [[1]]}, {"sizes": [[0, 4]]}, {"query_count": 0}]
+    "settings",
+    [
+        {"settings": ["offsets"]},
+        {"sizes": []},
+        {"sizes": [[1]]},
+        {"sizes": [[0, 4]]},
+        {"sizes": [[4, 4], [4, 4]]},
+        {"query_count": 0},
+    ],
 )
 def test_settings_that_make_no_resolution_study_are_refused(settings):
     with pytest.raises(ConfigError, match=r"study\."):
