@@ -61,13 +61,14 @@ def pareto(curves: Curves) -> Figure:
             continue
         style = _styles(curves)[curve] | {"linestyle": ":", "label": curve[0]}
         rates = [100 * row["nearest_rate"] for row in rows]
+        up = 4 if curve[0] == next(iter(curves))[0] else -9  # labels of two curves apart
         for axes, cost in (
             (left, [row["bytes_per_place"] / 1024 for row in rows]),
             (right, [row["describe_ms"] + row["locate_ms"] for row in rows]),
         ):
             axes.plot(cost, rates, **style)
             for x, y, row in zip(cost, rates, rows, strict=True):
-                axes.annotate(row["size"], (x, y), fontsize=6, xytext=(3, 4), textcoords="offset points")
+                axes.annotate(row["size"], (x, y), fontsize=6, xytext=(3, up), textcoords="offset points")
     left.set(xscale="log", xlabel="KiB a place", ylabel="nearest, any heading [%]")
     right.set(xscale="log", xlabel="ms a query: describe and localise")
     for axes in (left, right):
