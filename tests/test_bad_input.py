@@ -43,7 +43,7 @@ def refused(omnilab_here):
         (["descriptor=radom"], ["descriptor 'radom'", "there is fourier_signature, gist", "did you mean descriptor=radon?"]),
         (["sensor=camera"], ["sensor 'camera'", "folder", "mirror"]),
         (["distance=poc_bnd"], ["'poc_bnd'", "euclidean", "did you mean distance=poc_band?"]),
-        (["study="], ["study ''", "there is grid"]),
+        (["study="], ["study ''", "there is cost, grid"]),
         (["experiment=quickstrat"], ["experiment 'quickstrat'", "recorded_grid", "did you mean experiment=quickstart?"]),
         (["study.stp_m=1"], ["'study.stp_m'", "Grid", "did you mean step_m?"]),
         (["descriptor.angels=45"], ["'descriptor.angels'", "Radon", "did you mean angles?"]),

@@ -5,9 +5,11 @@ from omnilab_studies.cost import Cost
 from omnilab_studies.grid import Grid
 from omnilab_studies.linearity import Linearity
 from omnilab_studies.render import Render
+from omnilab_studies.resolution import Resolution
+from omnilab_studies.robustness import Robustness
 from omnilab_studies.views import Views
 
-__all__ = ["Cost", "Grid", "Linearity", "Render", "Views"]
+__all__ = ["Cost", "Grid", "Linearity", "Render", "Resolution", "Robustness", "Views"]
 
 
 @hookimpl
@@ -17,3 +19,5 @@ def register_studies(register: Register) -> None:
     register("render", Render)
     register("linearity", Linearity)
     register("cost", Cost)
+    register("robustness", Robustness)
+    register("resolution", Resolution)

@@ -102,14 +102,14 @@ def fitted(parts: Parts, plan: Plan, record: Recorder) -> Parts:
     return replace(parts, descriptor=descriptor)
 
 
-def describe_places(parts: Parts, plan: Plan, record: Recorder) -> tuple[Places, list[str]]:
+def describe_places(parts: Parts, plan: Plan, record: Recorder, stage: str = "places") -> tuple[Places, list[str]]:
     """The map: every frame of the plan described; and the frames that could not be delivered, with reasons."""
     signatures: Signatures | None = None
     keys: list[str] = []
     omitted = list(plan.omitted)
     poses: list[Floats] = []
     count = 0
-    for frames in deliver(parts, plan, record, "places"):
+    for frames in deliver(parts, plan, record, stage):
         described = describe(parts.descriptor, frames, record)
         if signatures is None:
             signatures = _empty(described, len(plan))
@@ -135,8 +135,7 @@ def _empty(like: Signatures, count: int) -> Signatures:
 def show_frame(record: Recorder, frames: Frames, i: int, signature: Floats, tick: Tick) -> None:
     """One frame of a batch into the logs: picture, panorama, signature (...), pose."""
     show_picture(record, frames, i, tick)
-    matrix = signature if signature.ndim == 2 else signature.reshape(1, -1)
-    record.log("query/signature", Signature(matrix), tick)
+    show_signature(record, signature, tick)
 
 
 def show_picture(record: Recorder, frames: Frames, i: int, tick: Tick) -> None:
@@ -147,6 +146,12 @@ def show_picture(record: Recorder, frames: Frames, i: int, tick: Tick) -> None:
     record.log("query/panorama", Image(unwrapped[:, ::-1]), tick)  # as a person sees it: clockwise to the right
     if frames.T_world_camera is not None:
         record.log("camera", Pose(frames.T_world_camera[i]), tick)
+
+
+def show_signature(record: Recorder, signature: Floats, tick: Tick) -> None:
+    """A signature (...) into the logs, as a matrix."""
+    matrix = signature if signature.ndim == 2 else signature.reshape(1, -1)
+    record.log("query/signature", Signature(matrix), tick)
 
 
 def statistics(name: str, values: Floats, unit: str) -> list[Metric]:

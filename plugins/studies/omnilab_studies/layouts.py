@@ -45,6 +45,31 @@ IMAGES = ViewLayout(
     widths=(3, 2, 2),
 )
 
+LEVELS = ViewLayout(
+    columns=(
+        (Panel("map", "Places, the first query and its answers", ("room", "places", "camera", "estimate")),),
+        (
+            Panel("image", "The first query, a level a step", ("query/image",)),
+            Panel("image", "Panorama", ("query/panorama",)),
+            Panel("plot", "Rate of nearest answers at each level", ("nearest",)),
+        ),
+        (Panel("text", "Result", ("summary",)), Panel("log", "Levels", ("log",))),
+    ),
+    widths=(2, 2, 2),
+)
+
+SIZES = ViewLayout(
+    columns=(
+        (Panel("map", "Places, and answers in the first size", ("room", "places", "answers")),),
+        (
+            Panel("image", "The first query's signature, a size a step", ("query/signature",)),
+            Panel("plot", "Rate of nearest answers in each size", ("nearest",)),
+        ),
+        (Panel("text", "Result", ("summary",)),),
+    ),
+    widths=(2, 2, 2),
+)
+
 
 def comparison(curves: Sequence[str] = ()) -> ViewLayout:
     """Images on the left, then a panel for each of the named curves in up to two columns, then the result."""
