@@ -1,6 +1,6 @@
 """Radon transform and phase correlation beside what a user would write today.
 
-pytest tests/benchmarks --benchmark-enable
+pytest tests/benchmarks --benchmark-enable -n 0
 """
 
 import numpy as np
