@@ -10,7 +10,7 @@ import numpy as np
 
 from omnilab import geometry
 from omnilab.api import Bytes, PathPoses
-from omnilab.projection import HyperbolicMirror, UnifiedCamera, panorama, save_camera
+from omnilab.projection import UnifiedCamera, panorama, save_camera
 from omnilab.registry import discover
 from omnilab_mirror.virtual import VirtualCamera
 
@@ -83,7 +83,7 @@ def worlds() -> None:
 
     for world, at in WORLDS.items():
         sensor = Mirror(world=world, color=True, samples=9, size=900, crop=1.0)
-        wide = panorama(picture(sensor, at)[None], HyperbolicMirror(900, 1.0), (256, 1024))[0]
+        wide = panorama(picture(sensor, at)[None], sensor.camera, (256, 1024))[0]
         save("world", world, wide[:, ::-1])
 
 

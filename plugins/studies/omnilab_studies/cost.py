@@ -31,6 +31,7 @@ from omnilab_studies.contestants import (
     descriptors_of,
     prepared,
 )
+from omnilab_studies.grids import check_extent, check_step_or_every, grid_poses
 from omnilab_studies.layouts import comparison
 
 Row = dict[str, Any]
@@ -57,20 +58,14 @@ class Cost:
     cached: ClassVar[bool] = False  # what comes from a cache tells nothing about a descriptor's time
 
     def __post_init__(self) -> None:
-        if (self.step_m is None) == (self.every is None):
-            raise ConfigError(
-                f"study.step_m={self.step_m} and study.every={self.every}: give one of them, and null for the other"
-            )
-        if self.step_m is not None and not self.step_m > 0:
-            raise ConfigError(f"study.step_m={self.step_m} makes no grid; give a step above 0 metres")
+        check_step_or_every(self.step_m, self.every)
         if self.every is not None and self.every < 2:
             raise ConfigError(f"study.every={self.every} leaves no queries; give 2 or more")
         if self.query_count < 1:
             raise ConfigError(f"study.query_count={self.query_count} asks nothing; give 1 or more")
         if self.repeats < 1:
             raise ConfigError(f"study.repeats={self.repeats} measures nothing; give 1 or more")
-        if self.extent_m is not None and (len(self.extent_m) != 2 or min(self.extent_m) <= 0):
-            raise ConfigError(f"study.extent_m={self.extent_m} is no area; give [x, y] in metres")
+        check_extent(self.extent_m)
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Take images, describe them by every descriptor, compare by every distance, with a clock at hand."""
@@ -112,8 +107,7 @@ class Cost:
         return Report(_metrics(rows, places, queries, omitted, misfits), {"times": table}, _figures(rows))
 
     def _grid(self) -> GridPoses:
-        extent = None if self.extent_m is None else (self.extent_m[0], self.extent_m[1])
-        return GridPoses(self.step_m, self.every, extent, self.height_m)
+        return grid_poses(self.step_m, self.every, self.extent_m, self.height_m)
 
     def _queries(self, rng: np.random.Generator) -> Layout:
         if self.every is not None:
@@ -122,8 +116,7 @@ class Cost:
 
     def _row(self, rival: Contestant, described: Described, places: Pictures, queries: Pictures) -> Row:
         """One contestant's line of the table; DataError if the distance cannot compare such signatures."""
-        prepared(rival, described.places)
-        rival.distance.match(described.queries[slice(1)], rival.distance.prepare(described.places))  # the warm-up
+        rival.distance.match(described.queries[slice(1)], prepared(rival, described.places))  # the warm-up
         index, prepare_s = clocked(lambda: rival.distance.prepare(described.places))
         runs = [clocked(lambda: rival.distance.match(described.queries, index)) for _ in range(self.repeats)]
         query_ms = 1e3 * min(seconds for _, seconds in runs) / len(described.queries)

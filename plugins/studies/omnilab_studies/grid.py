@@ -44,6 +44,7 @@ from omnilab_studies.common import (
     show_frame,
     statistics,
 )
+from omnilab_studies.grids import check_extent, check_step_or_every, grid_poses
 from omnilab_studies.layouts import PLACES
 from omnilab_studies.scoring import Scored, as_table, joined, known_poses, score
 
@@ -79,20 +80,14 @@ class Grid:
     needs: ClassVar[tuple[str, ...]] = ("sensor", "descriptor", "distance", "localizer")
 
     def __post_init__(self) -> None:
-        if (self.step_m is None) == (self.every is None):
-            raise ConfigError(
-                f"study.step_m={self.step_m} and study.every={self.every}: give one of them, and null for the other"
-            )
-        if self.step_m is not None and not self.step_m > 0:
-            raise ConfigError(f"study.step_m={self.step_m} makes no grid; give a step above 0 metres")
+        check_step_or_every(self.step_m, self.every)
         if self.every is not None and self.every < 1:
             raise ConfigError(f"study.every={self.every} takes no rows; give 1 or more")
         if self.query_count < 1:
             raise ConfigError(f"study.query_count={self.query_count} asks nothing; give 1 or more")
         if self.show < 0:
             raise ConfigError(f"study.show={self.show} shows nothing; give 0 for no pictures, or how many")
-        if self.extent_m is not None and (len(self.extent_m) != 2 or min(self.extent_m) <= 0):
-            raise ConfigError(f"study.extent_m={self.extent_m} is no area; give [x, y] in metres")
+        check_extent(self.extent_m)
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Map, localise, score."""
@@ -134,8 +129,7 @@ class Grid:
         return Report(metrics, {"queries": as_table(scored, plan.keys)}, drawn)
 
     def _grid(self) -> GridPoses:
-        extent = None if self.extent_m is None else (self.extent_m[0], self.extent_m[1])
-        return GridPoses(self.step_m, self.every, extent, self.height_m)
+        return grid_poses(self.step_m, self.every, self.extent_m, self.height_m)
 
     def _layout(self, rng: np.random.Generator) -> Layout:
         if self.queries is Queries.rest:

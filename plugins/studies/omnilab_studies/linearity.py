@@ -38,6 +38,7 @@ from omnilab_studies.contestants import (
     settings_of,
 )
 from omnilab_studies.curves import Curve, lines_on_grid
+from omnilab_studies.grids import check_extent, grid_poses
 from omnilab_studies.layouts import comparison
 from omnilab_studies.scoring import known_poses
 
@@ -77,8 +78,7 @@ class Linearity:
             raise ConfigError(f"study.references={self.references} compares nothing; give 1 or more")
         if self.show < 0:
             raise ConfigError(f"study.show={self.show} shows nothing; give 0 for no pictures, or how many")
-        if self.extent_m is not None and (len(self.extent_m) != 2 or min(self.extent_m) <= 0):
-            raise ConfigError(f"study.extent_m={self.extent_m} is no area; give [x, y] in metres")
+        check_extent(self.extent_m)
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Draw lines, describe their images, compare the first image of each with the others, fit."""
@@ -124,8 +124,7 @@ class Linearity:
         return Report(metrics, {"linearity": table, "curves": _points(curves)}, _figures(rivals, curves, table))
 
     def _grid(self) -> GridPoses:
-        extent = None if self.extent_m is None else (self.extent_m[0], self.extent_m[1])
-        return GridPoses(self.step_m if self.every is None else None, self.every, extent, self.height_m)
+        return grid_poses(self.step_m if self.every is None else None, self.every, self.extent_m, self.height_m)
 
     def _turned(self, plan: Plan, parts: Parts, rng: np.random.Generator) -> Plan:
         if not self.random_headings:

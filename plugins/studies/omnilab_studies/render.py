@@ -14,7 +14,6 @@ import numpy as np
 
 from omnilab.api import (
     Camera,
-    GridPoses,
     Image,
     Ints,
     Layout,
@@ -39,6 +38,7 @@ from omnilab_studies import figures
 from omnilab_studies.cloud import cloud_of, write_ply
 from omnilab_studies.common import markdown_table
 from omnilab_studies.dataset import DataSet, contents_of
+from omnilab_studies.grids import check_extent, grid_poses
 from omnilab_studies.layouts import IMAGES
 from omnilab_studies.making import Found, Job, Made, made
 from omnilab_studies.trajectories import column, read_trajectory
@@ -102,8 +102,7 @@ class Render:
             raise ConfigError(
                 f"study.step_m={self.step_m} with study.every={self.every} makes no grid; give one of them, above 0"
             )
-        if self.extent_m is not None and (len(self.extent_m) != 2 or not min(self.extent_m) > 0):
-            raise ConfigError(f"study.extent_m={self.extent_m} is no area; give [x, y] in metres")
+        check_extent(self.extent_m)
         if self.heights_m is not None and not _is_range(self.heights_m):
             raise ConfigError(f"study.heights_m={self.heights_m} is no range; give [lowest, highest, step] in metres")
         if self.positions_m is not None and not (self.positions_m and all(map(_is_position, self.positions_m))):
@@ -167,11 +166,11 @@ class Render:
 
     def _asked(self, seed: int) -> tuple[Layout, Ints | None]:
         """The layout, and when its images are taken where a file tells it."""
-        extent = None if self.extent_m is None else (self.extent_m[0], self.extent_m[1])
+        step_m = STEP_M if self.step_m is None and self.every is None else self.step_m
+        grid = grid_poses(step_m, self.every, self.extent_m, self.height_m)
         match self.layout:
             case Where.grid:
-                step = STEP_M if self.step_m is None and self.every is None else self.step_m
-                return GridPoses(step, self.every, extent, self.height_m), None
+                return grid, None
             case Where.column:
                 return PathPoses(column(self.positions_m or [[0.0, 0.0]], self.heights_m or HEIGHTS_M)), None
             case Where.path:
@@ -181,7 +180,7 @@ class Render:
                 return PathPoses(trajectory.T_world_camera), trajectory.stamps_ns
             case Where.random:
                 step = None if self.heading_step_deg is None else math.radians(self.heading_step_deg)
-                return RandomPoses(self.count or COUNT, seed, step, extent, self.height_m), None
+                return RandomPoses(self.count or COUNT, seed, step, grid.extent_m, self.height_m), None
             case Where.recorded:
                 return RecordedPoses(), None
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from omnilab.api import Descriptor, Estimates, Frames, Parts, Places, Plan, Recorder, Signatures
 from omnilab_studies.common import describe, describe_places, fitted
-from omnilab_studies.contestants import Contestant, contestants
+from omnilab_studies.contestants import Contestant, contestants, descriptors_of
 from omnilab_studies.scoring import Scored, known_poses, score
 
 
@@ -44,7 +44,7 @@ class Rivals:
         self._descriptors: dict[str, Descriptor] = {}
         self._places: dict[str, Places] = {}
         self._spent: dict[str, list[float]] = defaultdict(lambda: [0.0, 0.0])  # seconds and queries of each stage
-        for name, descriptor in {c.descriptor_name: c.descriptor for c in self.contestants}.items():
+        for name, descriptor in descriptors_of(self.contestants).items():
             own = fitted(replace(parts, descriptor=descriptor), plan, record)
             self._descriptors[name] = own.descriptor
             self._places[name], _ = describe_places(own, plan, record, f"places, {name}")

@@ -9,14 +9,15 @@ import numpy as np
 from omnilab.api import Floats, GridPoses, Ints, PathPoses, Plan, Sensor
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses
+from omnilab_studies.grids import check_step
+from omnilab_studies.scoring import known_poses
 
 
 def check_square(side: int, step_m: float, center_m: Sequence[float], query_count: int) -> None:
     """ConfigError unless these make a square of places with queries."""
     if side < 2:
         raise ConfigError(f"study.side={side} makes no map; give 2 or more places along each side")
-    if not step_m > 0:
-        raise ConfigError(f"study.step_m={step_m} makes no grid; give a step above 0 metres")
+    check_step(step_m)
     if len(center_m) != 2 or not np.isfinite(center_m).all():
         raise ConfigError(f"study.center_m={list(center_m)} is no position; give [x, y] in metres")
     if query_count < 1:
@@ -26,9 +27,7 @@ def check_square(side: int, step_m: float, center_m: Sequence[float], query_coun
 def free_square(sensor: Sensor, side: int, step_m: float, center_m: Sequence[float], height_m: float | None) -> Plan:
     """`side` x `side` places of the sensor's grid, all of them free: those whose middle is nearest to `center_m`."""
     plan = sensor.plan(GridPoses(step_m, height_m=height_m))
-    if plan.T_world_camera is None:
-        raise DataError("the places have no positions, and this study scores positions; give a positions file")
-    at = plan.T_world_camera[:, :2, 3]
+    at = known_poses(plan.T_world_camera, "places")[:, :2, 3]
     corners = _corners(np.rint((at - at.min(axis=0)) / step_m).astype(int), side)
     if len(corners) == 0:
         raise DataError(
@@ -50,8 +49,7 @@ def _corners(nodes: Ints, side: int) -> Ints:
 
 def positions_within(places: Plan, count: int, rng: np.random.Generator) -> Floats:
     """`count` positions (count, 3) drawn evenly from the square that the places span."""
-    assert places.T_world_camera is not None
-    at = places.T_world_camera[:, :3, 3]
+    at = known_poses(places.T_world_camera, "places")[:, :3, 3]
     return rng.uniform(at.min(axis=0), at.max(axis=0), (count, 3))
 
 
