@@ -23,7 +23,9 @@ import numpy as np
 import numpy.typing as npt
 
 __all__ = [
+    "Altimeter",
     "Answers",
+    "Arrangement",
     "CalibratedCamera",
     "Camera",
     "Circle",
@@ -34,11 +36,14 @@ __all__ = [
     "Estimate",
     "Estimates",
     "Frames",
+    "Graph",
     "GridPoses",
+    "Heights",
     "Image",
     "Layout",
     "Learner",
     "Localizer",
+    "MapMaker",
     "Match",
     "Mesh",
     "Metric",
@@ -65,6 +70,7 @@ __all__ = [
     "Study",
     "Text",
     "Tick",
+    "Tracker",
     "ViewLayout",
 ]
 
@@ -244,6 +250,26 @@ class Estimates:
     field: Floats | None = None  # (Q, P) all distances, where they were computed
 
 
+@dataclass(frozen=True)
+class Heights:
+    """How much higher N tests were taken than their references, as an altimeter tells from the images alone."""
+
+    value: Floats  # (N,) in the altimeter's own unit, above 0 where the test is higher; NaN where it cannot tell
+    confidence: Floats  # (N,) in [0, 1]
+    rotation_rad: Floats  # (N,) test heading - reference heading
+    curves: Mapping[str, Floats] = field(default_factory=dict)  # (N, M) by name: what the answer was read off
+
+
+@dataclass(frozen=True)
+class Arrangement:
+    """B sets of n points, placed in a plane so that their distances resemble given ones, up to scale, turn and reflection."""
+
+    position: Floats  # (B, n, 2) in the unit of the distances
+    stress: Floats  # (B,) normalised: root of sum (|x_i - x_j| - d_ij)^2 / sum d_ij^2 over the pairs that count
+    iterations: Ints  # (B,) until it settled
+    steps: Floats | None = None  # (S, B, n, 2) on the way, where they were asked for
+
+
 # --------------------------------------------------------------------------------------------------------- records
 @dataclass(frozen=True)
 class Tick:
@@ -330,6 +356,15 @@ class PointCloud:
 
 
 @dataclass(frozen=True)
+class Graph:
+    """Points (N, 3) and edges (E, 2) between them, each edge in its RGB colour (E, 3) uint8."""
+
+    position_m: Floats
+    edges: Ints
+    colors: Bytes | None = None  # None: all alike
+
+
+@dataclass(frozen=True)
 class Series:
     """A stretch of one curve: values (n,) at the study's steps (n,) and the sensor's times (n,)."""
 
@@ -384,6 +419,7 @@ Record = (
     | Pose
     | Mesh
     | PointCloud
+    | Graph
     | Series
     | Text
     | Progress
@@ -399,6 +435,7 @@ class Metric:
     name: str
     value: float
     unit: str  # "1" for ratios and counts
+    interval: tuple[float, float] | None = None  # 95 % confidence, where it was estimated
 
 
 @dataclass(frozen=True)
@@ -499,6 +536,38 @@ class Localizer(Protocol):
 
 
 @runtime_checkable
+class MapMaker(Protocol):
+    """A localizer that makes a map of its own out of nothing but how unlike images are."""
+
+    def arrange(self, distance: Floats, rng: np.random.Generator, steps: int = 0) -> Arrangement:
+        """Place B sets of n points, from distances (B, n, n), several starts each where the method needs them: the best.
+
+        With `steps`, about so many states on the way to the best are kept. Infinite distances do not count.
+        """
+
+
+@runtime_checkable
+class Tracker(Protocol):
+    """A localizer that remembers: its index follows one sequence of queries, in order."""
+
+    def follow(self, queries: Signatures, index: Any, motion: Floats) -> Estimates:
+        """As `locate`, knowing the motion (Q, 3) up to each query since the one before, in the camera's frame there.
+
+        Metres forward (+x), metres to the left (+y), radians counter-clockwise; NaN where it is not known.
+        """
+
+
+@runtime_checkable
+class Altimeter(Protocol):
+    """Tells by how much two images of one column differ in height."""
+
+    unit: ClassVar[str]  # of its heights: "m", or what it counts
+
+    def relative(self, references: Bytes, tests: Bytes, camera: Camera) -> Heights:
+        """Heights of tests (N, H, W) over references (N, H, W), or over one reference (1, H, W), all of one camera."""
+
+
+@runtime_checkable
 class Study(Protocol):
     """Drives components and measures. `needs` names the parts without which it cannot run.
 
@@ -540,7 +609,11 @@ class Parts:
     descriptor: Descriptor = None  # type: ignore[assignment]
     distance: Distance = None  # type: ignore[assignment]
     localizer: Localizer = None  # type: ignore[assignment]
+    altimeter: Altimeter = None  # type: ignore[assignment]
+    map: Places = None  # type: ignore[assignment]  # a saved one
     disturbances: Mapping[str, Disturbance] = field(default_factory=dict)  # of the queries, in the order they apply
     descriptors: Mapping[str, Descriptor] = field(default_factory=dict)  # that the study compares, by name
     distances: Mapping[str, Distance] = field(default_factory=dict)  # that it compares them with
+    localizers: Mapping[str, Localizer] = field(default_factory=dict)  # that the study compares
+    altimeters: Mapping[str, Altimeter] = field(default_factory=dict)  # that the study compares
     default_distances: Mapping[str, Distance] = field(default_factory=dict)  # of each of `descriptors`, its own

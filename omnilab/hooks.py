@@ -53,6 +53,11 @@ def register_localizers(register: Register) -> None:
 
 
 @hookspec
+def register_altimeters(register: Register) -> None:
+    """From two images to the difference of their heights."""
+
+
+@hookspec
 def register_studies(register: Register) -> None:
     """Experiments' code: drives the components and measures."""
 

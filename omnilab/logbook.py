@@ -57,8 +57,9 @@ class Logbook:
 
     def write(self, report: Report) -> None:
         """Metrics, tables and figures."""
-        rows = [(m.name, _number(m.value), m.unit) for m in report.metrics]
-        write_csv(self.folder / "metrics.csv", ["metric", "value", "unit"], rows)
+        rows = [(m.name, _number(m.value), m.unit, *map(_number, m.interval or ())) for m in report.metrics]
+        rows = [(*row, "", "") if len(row) == 3 else row for row in rows]
+        write_csv(self.folder / "metrics.csv", ["metric", "value", "unit", "low", "high"], rows)
         for name, table in report.tables.items():
             write_csv(self.folder / f"{name}.csv", list(table), zip(*table.values(), strict=True))
         for name, figure in report.figures.items():
@@ -179,6 +180,12 @@ class LoadedRun:
             return {row["metric"]: float(row["value"]) for row in self.table("metrics")}
         except (KeyError, ValueError) as error:
             raise self._unreadable("metrics.csv", error) from error
+
+    @cached_property
+    def intervals(self) -> dict[str, tuple[float, float]]:
+        """95 % confidence of the metrics for which it was estimated."""
+        rows = [row for row in self.table("metrics") if row.get("low")]
+        return {row["metric"]: (float(row["low"]), float(row["high"])) for row in rows}
 
     @cached_property
     def units(self) -> dict[str, str]:

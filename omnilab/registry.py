@@ -34,13 +34,16 @@ KINDS: dict[str, type[Any]] = {
     "descriptor": api.Descriptor,
     "distance": api.Distance,
     "localizer": api.Localizer,
+    "altimeter": api.Altimeter,
     "study": api.Study,
     "sink": api.Sink,
 }
 DICTS = {  # settings of a run that hold any number of a kind, by name
+    "altimeters": "altimeter",
     "descriptors": "descriptor",
     "distances": "distance",
     "disturbances": "disturbance",
+    "localizers": "localizer",
     "sinks": "sink",
 }
 MANY = {"disturbance": "disturbances", "sink": "sinks"}  # kinds that have no slot beside: `disturbance=blur` goes there

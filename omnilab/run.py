@@ -39,9 +39,12 @@ class Run:
     descriptor: Any = None
     distance: Any = None  # null: the descriptor's default distance
     localizer: Any = None
+    altimeter: Any = None
     study: Any = MISSING
     descriptors: dict[str, Any] = field(default_factory=dict)  # that a study compares
     distances: dict[str, Any] = field(default_factory=dict)  # that a study compares them with
+    localizers: dict[str, Any] = field(default_factory=dict)  # that a study compares
+    altimeters: dict[str, Any] = field(default_factory=dict)  # that a study compares
     disturbances: dict[str, Any] = field(default_factory=dict)  # of the queries, in the order they apply
     sinks: dict[str, Any] = field(default_factory=dict)
     seed: int = 0

@@ -45,7 +45,11 @@ def show_run(folder: Path) -> None:
     """The metrics of a finished run."""
     run = load_run(folder)
     rows = [[name, repr(value), run.units[name].replace("1", "", 1)] for name, value in run.metrics.items()]
-    print_table(["metric", "value", "unit"], rows, title=str(short(run.folder)))
+    header = ["metric", "value", "unit"]
+    if known := run.intervals:
+        header.append("95 % interval")
+        rows = [[*row, "{:.4g} to {:.4g}".format(*known[row[0]]) if row[0] in known else ""] for row in rows]
+    print_table(header, rows, title=str(short(run.folder)))
 
 
 def headline(run: LoadedRun) -> str:

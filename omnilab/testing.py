@@ -171,6 +171,29 @@ def check_localizer(localizer: Any) -> None:
     _expect(bool(np.allclose(single, found.position_m)), "a batch gives other positions than its queries one by one")
 
 
+def check_altimeter(altimeter: Any) -> None:
+    """Shapes, deterministic, one reference for many tests, batch equals one by one, defined on black, pickles."""
+    _common("altimeter", altimeter)
+    images, camera = _pictures("mirror", color=False), HyperbolicMirror(SIDE)
+    first = altimeter.relative(images[:1], images, camera)
+    for name in ("value", "confidence", "rotation_rad"):
+        _expect(getattr(first, name).shape == (len(images),), f"{name} has not one number for each of the tests")
+    known = np.isfinite(first.value)
+    _expect(bool((first.confidence[known] >= 0).all() and (first.confidence <= 1).all()), "confidences leave [0, 1]")
+    for curve, values in first.curves.items():
+        _expect(len(values) == len(images), f"the curve '{curve}' has not one row for each of the tests")
+    each = altimeter.relative(np.repeat(images[:1], len(images), axis=0), images, camera).value
+    _expect(
+        np.array_equal(each, first.value, equal_nan=True),
+        "a reference for each test gives other heights than one for all",
+    )
+    single = [altimeter.relative(images[:1], images[i : i + 1], camera).value for i in range(len(images))]
+    _expect(bool(np.allclose(np.concatenate(single), first.value, equal_nan=True)),
+            "a batch gives other heights than its images one by one")  # fmt: skip
+    black = altimeter.relative(np.zeros_like(images[:1]), np.zeros_like(images), camera)
+    _expect(bool((black.confidence == 0).all()), "black images are told apart with a confidence above 0")
+
+
 def check_sensor(sensor: Any, layout: Layout) -> None:
     """A plan as long as its frames, in its order; shapes; deterministic; a part of a plan gives the same images."""
     _common("sensor", sensor)
@@ -227,6 +250,8 @@ def sample_records() -> Iterator[tuple[str, api.Record, Tick | None]]:
     yield "", api.ViewLayout(((panel,),)), None
     yield "room", api.Mesh(position_m[:3], np.array([[0, 1, 2]]), picture[0, :3]), None
     yield "cloud", api.PointCloud(position_m, picture[0, :9]), tick
+    yield "graph", api.Graph(position_m, np.array([[0, 1], [1, 2]])), tick
+    yield "springs", api.Graph(position_m, np.array([[0, 1], [1, 2]]), picture[0, :2]), tick
     yield "places", api.PlaceMap(position_m, rng.uniform(-3, 3, 9)), None
     yield "camera/image", api.Image(picture, "png", encode(picture, "png")), tick
     yield "camera", api.Pose(planar_poses([[1.0, 2.0, 3.0]], np.pi / 2)[0]), tick

@@ -42,6 +42,7 @@ VERDICT_COLORS = {
     "second": Color(r=0.95, g=0.7, b=0.1, a=1.0),
     "wrong": Color(r=0.9, g=0.2, b=0.2, a=1.0),
 }
+GREY = Color(r=0.45, g=0.5, b=0.6, a=1.0)
 IDENTITY = PoseMessage(position=Vector3(), orientation=Quaternion(w=1.0))
 Topics = Iterable[tuple[str, Message]]
 
@@ -123,6 +124,23 @@ def mesh(record: api.Mesh, topic: str, tick: Tick) -> Topics:
 def point_cloud(record: api.PointCloud, topic: str, tick: Tick) -> Topics:
     channels = (*record.colors.T, np.full(len(record.colors), 255))
     yield topic, cloud(record.points_m, {}, tick, dict(zip(("red", "green", "blue", "alpha"), channels, strict=True)))
+
+
+@messages.register
+def graph(record: api.Graph, topic: str, tick: Tick) -> Topics:
+    yield f"{topic}/points", cloud(record.position_m, {}, tick)
+    ends = record.position_m[record.edges].reshape(-1, 3)
+    edges = LinePrimitive(
+        type=LinePrimitive.LINE_LIST,
+        pose=IDENTITY,
+        thickness=2.0,
+        scale_invariant=True,
+        points=points(ends),
+        color=GREY,
+    )
+    if record.colors is not None:
+        edges.colors.extend(Color(r=r, g=g, b=b, a=1.0) for r, g, b in (record.colors.repeat(2, axis=0) / 255).tolist())
+    yield topic, scene([SceneEntity(timestamp=stamp(tick), frame_id=WORLD, id=topic, lines=[edges])], tick)
 
 
 @messages.register

@@ -13,6 +13,7 @@ from omnilab.api import (
     DistanceField,
     Estimate,
     Floats,
+    Graph,
     Image,
     Ints,
     Mesh,
@@ -52,6 +53,8 @@ def draw(record: Record, spacing_m: float) -> Drawing:
             yield "", [_mesh(record)]
         case PointCloud():
             yield "", [rr.Points3D(record.points_m, colors=record.colors, radii=rr.Radius.ui_points(1.5))]
+        case Graph():
+            yield "", _graph(record, spacing_m)
         case Text(markdown=True):
             yield "", [rr.TextDocument(record.text, media_type="text/markdown")]
         case Text():
@@ -141,6 +144,14 @@ def _lines(ends_m: Floats, verdicts: Sequence[str], radius_m: float) -> rr.LineS
     shown = np.asarray(verdicts) != "nearest"
     colors = [VERDICT[verdict] for verdict in np.asarray(verdicts)[shown]]
     return rr.LineStrips3D(ends_m[shown], radii=radius_m, colors=colors)
+
+
+def _graph(graph: Graph, spacing_m: float) -> list[rr.AsComponents]:
+    colors = PLACE if graph.colors is None else graph.colors
+    return [
+        rr.Points3D(graph.position_m, radii=0.12 * spacing_m, colors=TRUTH),
+        rr.LineStrips3D(graph.position_m[graph.edges], radii=0.03 * spacing_m, colors=colors),
+    ]
 
 
 def _pose(pose: Pose, spacing_m: float) -> list[rr.AsComponents]:
