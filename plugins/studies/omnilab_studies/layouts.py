@@ -30,6 +30,7 @@ PLACES = ViewLayout(
         (
             Panel("plot", "Position error", ("error/position_m",)),
             Panel("plot", "Heading error", ("error/heading_deg",)),
+            Panel("image", "Recall and precision", ("recall",)),
             Panel("text", "Result", ("summary",)),
         ),
     ),
