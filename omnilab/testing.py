@@ -53,7 +53,9 @@ def check_descriptor(descriptor: Any) -> None:
     _common("descriptor", descriptor)
     images = _pictures(descriptor.view, descriptor.color)
     if is_learner := isinstance(descriptor, api.Learner):
-        descriptor = descriptor.fit(images)
+        learner, descriptor = descriptor, descriptor.fit(images)
+        _expect(_same(learner.restore(descriptor.state()).describe(images), descriptor.describe(images), 0),
+                "restored from its state, what was learnt gives other signatures")  # fmt: skip
     first = descriptor.describe(images)
     _expect(isinstance(first, Signatures), f"describes images as {type(first).__name__}, not as Signatures")
     for part in (first.place, *([] if first.heading is None else [first.heading])):

@@ -4,17 +4,21 @@ from omnilab.hooks import Register, hookimpl
 from omnilab_studies.cost import Cost
 from omnilab_studies.grid import Grid
 from omnilab_studies.linearity import Linearity
+from omnilab_studies.localize import Localize
+from omnilab_studies.make_map import MakeMap
 from omnilab_studies.render import Render
 from omnilab_studies.resolution import Resolution
 from omnilab_studies.robustness import Robustness
 from omnilab_studies.views import Views
 
-__all__ = ["Cost", "Grid", "Linearity", "Render", "Resolution", "Robustness", "Views"]
+__all__ = ["Cost", "Grid", "Linearity", "Localize", "MakeMap", "Render", "Resolution", "Robustness", "Views"]
 
 
 @hookimpl
 def register_studies(register: Register) -> None:
     register("grid", Grid)
+    register("map", MakeMap)
+    register("localize", Localize)
     register("views", Views)
     register("render", Render)
     register("linearity", Linearity)

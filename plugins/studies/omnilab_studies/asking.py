@@ -12,6 +12,7 @@ from omnilab.api import (
     Answers,
     DistanceField,
     Estimate,
+    Estimates,
     Floats,
     Frames,
     Parts,
@@ -69,18 +70,21 @@ class Asking:
         with self.record.timed("prepare the map"):
             self._index = self.parts.localizer.prepare(self.places, self.parts.distance)
 
+    def locate(self, signatures: Signatures, motion: Floats | None = None) -> Estimates:
+        """What the localizer answers; a tracker is told the motion (Q, 3) up to each query where it is given."""
+        localizer = self.parts.localizer
+        if motion is not None and isinstance(localizer, Tracker):
+            return localizer.follow(signatures, self._index, motion)
+        return localizer.locate(signatures, self._index)
+
     def ask(self, plan: Plan, seed: int, motion: Floats | None = None) -> Scored:
-        """The answers to all frames of a plan; trackers are told the motion (Q, 3) up to each where it is given."""
+        """The answers to all frames of a plan, in order."""
         batches: list[Scored] = []
         for frames in deliver_queries(self.parts, plan, self.record, seed):
             self.omitted += frames.omitted
             signatures = describe(self.parts.descriptor, frames, self.record)
             with self.record.timed("localise", len(frames)):
-                localizer = self.parts.localizer
-                if motion is not None and isinstance(localizer, Tracker):
-                    estimates = localizer.follow(signatures, self._index, motion[frames.plan_index])
-                else:
-                    estimates = localizer.locate(signatures, self._index)
+                estimates = self.locate(signatures, None if motion is None else motion[frames.plan_index])
             batches.append(score(frames, estimates, self.places_m, self.step_m))
             self.example.offer(batches[-1], estimates.field)
             self._log(frames, signatures, batches[-1], estimates.field, len(plan))
@@ -102,14 +106,13 @@ class Asking:
                 self.record.log("distances", DistanceField(self.places_m, field[i]), tick)
             self.record.log("estimate", estimate_of(scored, int(i)), tick)
 
-    def figures(self, plan: Plan, scored: Scored, seed: int) -> dict[str, Any]:
-        """Success, errors on the floor plan, the worst answers in pictures, the distances of one query."""
+    def figures(self, scored: Scored) -> dict[str, Any]:
+        """Success, errors on the floor plan, recall and precision, the distances of one query."""
         drawn = {
             "success": figures.success(scored.verdict),
             "error_map": figures.error_map(
                 self.places_m, scored.truth_m, scored.answer_m, scored.error_m, scored.verdict
             ),
-            "worst": self._worst(plan, scored, seed),
             "recall": figures.recall(true_ranks(scored), *curve(scored), len(self.places)),
         }
         example = self.example
@@ -117,17 +120,14 @@ class Asking:
             drawn["distance_surface"] = figures.surface(self.places_m, example.field, example.truth_m, example.answer_m)
         return drawn
 
-    def _worst(self, plan: Plan, scored: Scored, seed: int) -> Any:
+    def worst(self, plan: Plan, scored: Scored, seed: int) -> Any:
+        """A figure of the worst answers: queries beside what they were taken for. Imaged again: a map keeps no pictures."""
         worst = np.argsort(-scored.error_m, kind="stable")[:WORST]
         asked = self.parts.sensor.frames(plan.at(scored.plan_index[worst]))
         queries = [image for frames in asked for image in disturbed(frames, self.parts.disturbances, seed).images]
-        answers = self._places_again(scored.place[worst])
+        places = Plan(self.places.keys, self.places.T_world_camera).at(scored.place[worst])
+        answers = [image for frames in self.parts.sensor.frames(places) for image in frames.images]
         return figures.worst(queries, answers, scored.error_m[worst], scored.verdict[worst])
-
-    def _places_again(self, chosen: Sequence[int] | Any) -> list[Any]:
-        """Pictures of places, imaged again: a map keeps none."""
-        plan = Plan(self.places.keys, self.places.T_world_camera).at(chosen)
-        return [image for frames in self.parts.sensor.frames(plan) for image in frames.images]
 
 
 def estimate_of(scored: Scored, i: int) -> Estimate:

@@ -77,7 +77,7 @@ class Grid:
 
         # what it amounts to
         metrics = [*judged(scored, len(places), asking.step_m, rng), *of_map(places, scored, len(omitted))]
-        drawn = asking.figures(plan, scored, seed)
+        drawn = asking.figures(scored) | {"worst": asking.worst(plan, scored, seed)}
         record.log("recall", Image(figures.pixels_of(drawn["recall"]), "png"))
         record.log("summary", Text(markdown_table(metrics, "Grid study"), markdown=True))
         for sentence in omitted:

@@ -37,6 +37,19 @@ PLACES = ViewLayout(
     widths=(3, 2, 2),
 )
 
+MAPPING = ViewLayout(
+    columns=(
+        (Panel("map", "The map", ("room", "places", "camera")),),
+        (
+            Panel("image", "Place", ("query/image",)),
+            Panel("image", "Panorama", ("query/panorama",)),
+            Panel("image", "Signature", ("query/signature",)),
+        ),
+        (Panel("text", "Result", ("summary",)), Panel("log", "Log", ("log",))),
+    ),
+    widths=(3, 2, 2),
+)
+
 IMAGES = ViewLayout(
     columns=(
         (Panel("map", "Where images are taken", ("room", "places", "camera")),),
