@@ -1,6 +1,7 @@
 """The studies: code that drives components and measures."""
 
 from omnilab.hooks import Register, hookimpl
+from omnilab_studies.changes import Changes
 from omnilab_studies.cost import Cost
 from omnilab_studies.grid import Grid
 from omnilab_studies.linearity import Linearity
@@ -11,7 +12,7 @@ from omnilab_studies.resolution import Resolution
 from omnilab_studies.robustness import Robustness
 from omnilab_studies.views import Views
 
-__all__ = ["Cost", "Grid", "Linearity", "Localize", "MakeMap", "Render", "Resolution", "Robustness", "Views"]
+__all__ = ["Changes", "Cost", "Grid", "Linearity", "Localize", "MakeMap", "Render", "Resolution", "Robustness", "Views"]
 
 
 @hookimpl
@@ -19,6 +20,7 @@ def register_studies(register: Register) -> None:
     register("grid", Grid)
     register("map", MakeMap)
     register("localize", Localize)
+    register("changes", Changes)
     register("views", Views)
     register("render", Render)
     register("linearity", Linearity)
