@@ -10,9 +10,22 @@ from omnilab_studies.make_map import MakeMap
 from omnilab_studies.render import Render
 from omnilab_studies.resolution import Resolution
 from omnilab_studies.robustness import Robustness
+from omnilab_studies.steps import Steps
 from omnilab_studies.views import Views
 
-__all__ = ["Changes", "Cost", "Grid", "Linearity", "Localize", "MakeMap", "Render", "Resolution", "Robustness", "Views"]
+__all__ = [
+    "Changes",
+    "Cost",
+    "Grid",
+    "Linearity",
+    "Localize",
+    "MakeMap",
+    "Render",
+    "Resolution",
+    "Robustness",
+    "Steps",
+    "Views",
+]
 
 
 @hookimpl
@@ -20,6 +33,7 @@ def register_studies(register: Register) -> None:
     register("grid", Grid)
     register("map", MakeMap)
     register("localize", Localize)
+    register("steps", Steps)
     register("changes", Changes)
     register("views", Views)
     register("render", Render)
