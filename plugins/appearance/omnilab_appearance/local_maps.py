@@ -71,7 +71,7 @@ class LocalMap(ABC):
         known = places.T_world_camera[chosen, :3, 3]
         _tell(spanned(known[..., :2]) < 2, "queries have their neighbours on one line, which their maps may be mirrored at;"
               " give more neighbours, or places in two dimensions")  # fmt: skip
-        pairs = pairwise(nearest.field, chosen, places.signatures, distance)
+        pairs = pairwise(queries, chosen, places.signatures, distance)
         plane = self.arrange(pairs, np.random.default_rng(self.seed)).position
         fit = procrustes(plane[:, :-1], known[..., :2])
         xy = fit.apply(plane[:, -1:])[:, 0]
@@ -99,9 +99,10 @@ class LocalMap(ABC):
         if distance.ndim != 3 or distance.shape[1] != distance.shape[2] or distance.shape[1] < 3:
             raise DataError(f"distances of shape {distance.shape} make no map; give (sets, n, n), n at least 3")
         apart = ~np.eye(distance.shape[1], dtype=bool)
-        if not (distance[:, apart] >= 0).all():
+        farthest = float(np.max(distance, initial=0, where=apart & np.isfinite(distance)))
+        if not (distance[:, apart] >= -max(1e-5, 1e-3 * farthest)).all():  # just below 0 is rounding
             raise DataError("distances hold NaN or numbers below 0, so nothing can be arranged; check the descriptor")
-        lengths = 0.5 * (distance + distance.swapaxes(1, 2))
+        lengths = np.maximum(0.5 * (distance + distance.swapaxes(1, 2)), 0)
         counts = apart & np.isfinite(lengths) & (lengths <= (self.threshold or np.inf))
         longest = np.where(counts, lengths, -np.inf).max(axis=(1, 2))
         shortest = np.where(counts, lengths, np.inf).min(axis=(1, 2))
@@ -123,14 +124,15 @@ class LocalMap(ABC):
         return ones * np.divide(slope, capped, out=np.ones_like(capped), where=capped > 0)
 
 
-def pairwise(field: Floats, chosen: npt.NDArray[np.intp], places: Signatures, distance: Distance) -> Floats:
-    """Distances (Q, n + 1, n + 1) among the n chosen places (Q, n) of each query and, last, the query."""
-    count, n = chosen.shape
-    pairs = np.zeros((count, n + 1, n + 1))
-    pairs[:, n, :n] = pairs[:, :n, n] = np.take_along_axis(field, chosen, axis=1)
+def pairwise(queries: Signatures, chosen: npt.NDArray[np.intp], places: Signatures, distance: Distance) -> Floats:
+    """Distances (Q, n + 1, n + 1) among the n chosen places (Q, n) of each query and, last, the query.
+
+    The distance prepares each such set as a map of its own, which those that learn from the map (`log`) will notice.
+    """
+    pairs = np.empty((len(queries), chosen.shape[1] + 1, chosen.shape[1] + 1))
     for q, some in enumerate(chosen):
-        near = places[some]
-        pairs[q, :n, :n] = distance.match(near, distance.prepare(near)).distance
+        both = Signatures(np.concatenate([places.place[some], queries.place[q : q + 1]]))
+        pairs[q] = distance.match(both, distance.prepare(both)).distance
     return pairs
 
 

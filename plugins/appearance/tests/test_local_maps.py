@@ -248,6 +248,16 @@ def test_places_on_a_line_are_said_to_mirror_the_query(maker, caplog):
     assert "1 of 1 queries have their neighbours on one line" in caplog.text
 
 
+def test_distances_just_below_zero_are_zero():
+    """Cosines of equal signatures come out a little above 1."""
+    exact = distances(np.random.default_rng(1).uniform(0, 1, (1, 8, 2)))
+    exact[0, 2] = exact[0, :, 2] = exact[0, 5]
+    exact[0, 2, 5] = exact[0, 5, 2] = exact[0, 2, 2] = 0
+    below = np.where(exact == 0, -1.2e-7, exact)
+    made, other = (Smacof().arrange(d, np.random.default_rng(0)).position for d in (exact, below))
+    assert np.array_equal(made, other)
+
+
 def test_places_at_one_position_answer_that_position():
     same = np.tile([1.0, 2.0, 3.0], (9, 1))
     seen = np.random.default_rng(0).uniform(0, 1, (9, 3))
@@ -271,6 +281,14 @@ def test_a_map_in_pieces_is_said(caplog):
     points = np.array([[[0.0, 0], [1, 0], [0, 1], [50, 0], [51, 0], [50, 1]]])
     made = Smacof(threshold=3.0).arrange(distances(points), np.random.default_rng(0))
     assert np.allclose(distances(made.position[0, :3]), distances(points[0, :3]), atol=1e-3)
+    assert "1 of 1 maps fall into parts" in caplog.text
+
+
+@pytest.mark.parametrize("maker", [Smacof(threshold=1e-9), Spring(threshold=1e-9)])
+def test_a_threshold_that_leaves_no_pair_is_said(maker, caplog):
+    made = maker.arrange(noisy(0), np.random.default_rng(0))
+    assert np.isfinite(made.position).all()
+    assert made.stress[0] == 0
     assert "1 of 1 maps fall into parts" in caplog.text
 
 
