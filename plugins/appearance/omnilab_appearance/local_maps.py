@@ -41,12 +41,13 @@ class LocalMap(ABC):
     constants: Constants = Constants.equal  # of pairs: equal, or inverse_square: min(slope / distance², 100)
     slope: float | None = None  # of the distance's curve; null: the mean square of the map's distances, free of scale
     threshold: float | None = None  # pairs that are less alike do not count; null: all do
+    linked: int | None = None  # pairs count where one is among the other's so many most alike; null: all do
     seed: int = 0  # of what is drawn; every query gets the same draws
 
     def __post_init__(self) -> None:
         if self.neighbours < 3:
             raise ConfigError(f"neighbours={self.neighbours} place nothing in a plane; give at least 3")
-        for name in ("slope", "threshold"):
+        for name in ("slope", "threshold", "linked"):
             value = getattr(self, name)
             if value is not None and not value > 0:
                 raise ConfigError(f"{name}={value:g} is not above 0; give a positive number or null")
@@ -79,7 +80,7 @@ class LocalMap(ABC):
         return Estimates(nearest.place, nearest.distance, position_m, nearest.heading_rad, nearest.field)
 
     def arrange(self, distance: Floats, rng: np.random.Generator, steps: int = 0) -> Arrangement:
-        """Place B sets of n points from distances (B, n, n), of which infinite ones and those beyond `threshold` do not count.
+        """Place B sets of n points from distances (B, n, n), of which infinite ones do not count.
 
         All sets get the same draws of `rng`, so that a set comes out the same in any batch.
         """
@@ -104,12 +105,14 @@ class LocalMap(ABC):
             raise DataError("distances hold NaN or numbers below 0, so nothing can be arranged; check the descriptor")
         lengths = np.maximum(0.5 * (distance + distance.swapaxes(1, 2)), 0)
         counts = apart & np.isfinite(lengths) & (lengths <= (self.threshold or np.inf))
+        if self.linked:
+            counts &= most_alike(np.where(counts, lengths, np.inf), self.linked)
         longest = np.where(counts, lengths, -np.inf).max(axis=(1, 2))
         shortest = np.where(counts, lengths, np.inf).min(axis=(1, 2))
         alike = longest - shortest <= 1e-6 * longest
         _tell(alike, "maps have all distances equal, which tells nothing of where their images lie; compare images by"
               " another distance")  # fmt: skip
-        _tell(~connected(counts), "maps fall into parts that no distance holds together; raise the threshold")
+        _tell(~connected(counts), "maps fall into parts that no distance holds together; raise threshold or linked")
         return lengths, counts
 
     def _weights(self, lengths: Floats, counts: Flags) -> Floats:
@@ -134,6 +137,13 @@ def pairwise(queries: Signatures, chosen: npt.NDArray[np.intp], places: Signatur
         both = Signatures(np.concatenate([places.place[some], queries.place[q : q + 1]]))
         pairs[q] = distance.match(both, distance.prepare(both)).distance
     return pairs
+
+
+def most_alike(lengths: Floats, count: int) -> Flags:
+    """Which pairs of lengths (B, n, n) are among the `count` shortest of one of their two."""
+    last = min(count, lengths.shape[1]) - 1
+    near = lengths <= np.partition(lengths, last, axis=2)[:, :, last : last + 1]
+    return np.asarray(near | near.swapaxes(1, 2))
 
 
 def stress(position: Floats, lengths: Floats, counts: Flags) -> Floats:

@@ -13,7 +13,7 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses, procrustes
 from omnilab.testing import check_map_maker
 from omnilab_appearance import Cosine, Euclidean, Smacof, Spring, _map_kernels
-from omnilab_appearance.local_maps import Constants, connected
+from omnilab_appearance.local_maps import Constants, connected, most_alike
 from omnilab_appearance.smacof import classical_scaling
 from omnilab_appearance.spring import Integrator
 
@@ -142,6 +142,28 @@ def test_missing_distances_are_found_from_the_others():
     assert np.abs(distances(made.position) - distances(points)).max() < 1e-3
     by_threshold = Smacof(tolerance=1e-10, threshold=0.6).arrange(distances(points), np.random.default_rng(0))
     assert np.array_equal(by_threshold.position, made.position)
+
+
+def test_only_pairs_of_most_alike_images_count_where_they_are_linked():
+    """On a line with gaps that grow each point takes its two neighbours, and the two at the ends take one beyond theirs."""
+    points = np.zeros((1, 6, 2))
+    points[0, :, 0] = [0, 1, 2.5, 4.5, 7, 10]
+    pairs = np.argwhere(np.triu(most_alike(np.where(np.eye(6), np.inf, distances(points)), 2)[0]))
+    assert pairs.tolist() == [[0, 1], [0, 2], [1, 2], [2, 3], [3, 4], [3, 5], [4, 5]]
+
+
+def test_links_unbend_a_map_whose_far_distances_saturate():
+    x, y = np.meshgrid(np.arange(12.0), np.arange(5.0))
+    points = np.stack([x.ravel(), y.ravel()], axis=1)
+    exact = distances(points)
+    bent = np.minimum(exact, 3.0)[None]
+
+    def residual(maker):
+        position = maker.arrange(bent, np.random.default_rng(0)).position[0]
+        return np.linalg.norm(procrustes(position, points).apply(position) - points, axis=1).max()
+
+    assert residual(Smacof(linked=8, tolerance=1e-9)) < 0.05
+    assert residual(Smacof()) > 0.5
 
 
 @pytest.mark.parametrize("verlet", [False, True])
@@ -319,6 +341,7 @@ def test_distances_of_two_points_are_refused():
         (lambda: Spring(starts=0), "starts=0"),
         (lambda: Spring(step_s=-1), "step_s=-1"),
         (lambda: Smacof(threshold=0.0), "threshold=0"),
+        (lambda: Smacof(linked=0), "linked=0"),
         (lambda: Smacof(tolerance=0.0), "tolerance=0"),
     ],
 )
