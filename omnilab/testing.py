@@ -174,6 +174,7 @@ def check_localizer(localizer: Any) -> None:
 def check_map_maker(maker: Any) -> None:
     """Shapes, deterministic, a plane's own distances are kept, infinite ones do not count, batch equals one by one."""
     check_localizer(maker)
+    _expect(isinstance(maker, api.MapMaker), "has no `arrange`")
     position = np.random.default_rng(8).uniform(-1, 1, (3, 12, 2))
     given = np.linalg.norm(position[:, :, None] - position[:, None], axis=-1)
     given[0, 2, 9] = given[0, 9, 2] = np.inf
