@@ -71,12 +71,12 @@ class Changes:
             raise ConfigError(f"study.query_count={self.query_count} asks nothing; give 1 or more")
         if self.queries not in (Source.random, Source.recorded):
             raise ConfigError(f"study.queries={self.queries.value} is not asked here; give random or recorded")
-        if not self.conditions:
-            raise ConfigError("study.conditions is empty, so nothing changes; give {NAME: {SETTING: VALUE}}, such as"
-                              " {evening: {variant: evening}}")  # fmt: skip
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Map, change, localise, score."""
+        if not self.conditions:
+            raise ConfigError("study.conditions is empty, so nothing changes; give {NAME: {SETTING: VALUE}}, such as"
+                              " {evening: {variant: evening}}")  # fmt: skip
         record.log("", CONDITIONS)
         if scene := parts.sensor.scene():
             record.log("room", scene)
