@@ -8,7 +8,9 @@ from omnilab_appearance.euclidean import Euclidean
 from omnilab_appearance.features import Features, FeaturesTurned
 from omnilab_appearance.fourier_signature import FourierSignature
 from omnilab_appearance.gist import Gist
+from omnilab_appearance.hierarchical import Hierarchical
 from omnilab_appearance.hog import Hog
+from omnilab_appearance.interpolated import Interpolated
 from omnilab_appearance.light import Light
 from omnilab_appearance.log import Log
 from omnilab_appearance.nearest import Nearest
@@ -43,7 +45,9 @@ __all__ = [
     "FourierSignature",
     "GaussianNoise",
     "Gist",
+    "Hierarchical",
     "Hog",
+    "Interpolated",
     "Light",
     "ListingNoise",
     "Log",
@@ -118,3 +122,5 @@ def register_distances(register: Register) -> None:
 @hookimpl
 def register_localizers(register: Register) -> None:
     register("nearest", Nearest)
+    register("interpolated", Interpolated)
+    register("hierarchical", Hierarchical)
