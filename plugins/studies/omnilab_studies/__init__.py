@@ -3,13 +3,14 @@
 from omnilab.hooks import Register, hookimpl
 from omnilab_studies.cost import Cost
 from omnilab_studies.grid import Grid
+from omnilab_studies.large_map import LargeMap
 from omnilab_studies.linearity import Linearity
 from omnilab_studies.render import Render
 from omnilab_studies.resolution import Resolution
 from omnilab_studies.robustness import Robustness
 from omnilab_studies.views import Views
 
-__all__ = ["Cost", "Grid", "Linearity", "Render", "Resolution", "Robustness", "Views"]
+__all__ = ["Cost", "Grid", "LargeMap", "Linearity", "Render", "Resolution", "Robustness", "Views"]
 
 
 @hookimpl
@@ -21,3 +22,4 @@ def register_studies(register: Register) -> None:
     register("cost", Cost)
     register("robustness", Robustness)
     register("resolution", Resolution)
+    register("large_map", LargeMap)
