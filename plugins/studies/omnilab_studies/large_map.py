@@ -21,7 +21,6 @@ from omnilab.api import (
     RandomPoses,
     Recorder,
     Report,
-    Sensor,
     Series,
     Text,
     Tick,
@@ -38,6 +37,7 @@ from omnilab_studies.searched import Searched, exponent
 from omnilab_studies.side_by_side import SideBySide, in_worlds
 
 EXHAUSTIVE = "exhaustive"
+MAP_NS = 100_000_000  # between two maps, in the logs
 Row = dict[str, Any]
 
 
@@ -73,17 +73,19 @@ class LargeMap:
         """One map after the other: describe it, search it in every way, compare."""
         if EXHAUSTIVE in parts.localizers:
             raise ConfigError(f"localizers.{EXHAUSTIVE} has the name of the run's own localizer; choose another name")
-        sensors = in_worlds(parts.sensor, self.worlds)
+        worlds = SideBySide.of(in_worlds(parts.sensor, self.worlds), self._grid(self.steps_m[-1]))
         record.log("", GROWTH)
+        if scene := worlds.scene():
+            record.log("room", scene)
         parts = fitted(parts, parts.sensor.plan(self._grid(self.steps_m[0])), record)
         seed = int(rng.integers(2**32))
 
         rows: list[Row] = []
         omitted = 0
-        for step_m, count in self._maps():
-            sensor = sensors[0] if count == 1 else SideBySide.of(sensors[:count], self._grid(step_m))
-            found, left_out = self._on(replace(parts, sensor=sensor), step_m, count, seed, record)
-            rows += found
+        for number, (step_m, count) in enumerate(self._maps()):
+            on = replace(parts, sensor=worlds.first(count))
+            found, left_out = self._on(on, step_m, seed, Tick(number, MAP_NS * number), record)
+            rows += [{"worlds": count, "step_m": step_m, **row} for row in found]
             omitted += left_out
 
         table = {name: [row[name] for row in rows] for name in rows[0]}
@@ -99,15 +101,13 @@ class LargeMap:
     def _grid(self, step_m: float) -> GridPoses:
         return GridPoses(step_m, height_m=self.height_m)
 
-    def _on(self, parts: Parts, step_m: float, worlds: int, seed: int, record: Recorder) -> tuple[list[Row], int]:
+    def _on(self, parts: Parts, step_m: float, seed: int, tick: Tick, record: Recorder) -> tuple[list[Row], int]:
         """One row for each localizer on one map, and how many of its nodes were not free."""
         plan = parts.sensor.plan(self._grid(step_m))
         places, omitted = describe_places(parts, plan, record, f"{len(plan)} places")
-        tick = Tick(len(places), len(places))
-        places_m = known_poses(places.T_world_camera, "places")[:, :3, 3]
-        _show_map(record, parts.sensor, places_m, tick)
+        record.log("places", PlaceMap(known_poses(places.T_world_camera, "places")[:, :3, 3]), tick)
         asked = RandomPoses(self.query_count, seed, height_m=self.height_m)
-        queries, truth_m = _queries(parts, asked, record, tick)
+        queries, truth_m = _queries(parts, asked, record, tick, f"queries among {len(plan)}")
 
         rows: list[Row] = []
         exact: Searched | None = None
@@ -115,10 +115,8 @@ class LargeMap:
             with record.timed(f"search: {name}", len(queries)):
                 found = Searched.by(localizer, parts.distance, places, queries)
             exact = exact or found
-            rows.append(
-                {"worlds": worlds, "step_m": step_m, **_row(name, found, exact, places, truth_m, max(self.steps_m))}
-            )
-            _show_search(record, rows[-1], found, exact, truth_m, tick)
+            rows.append(_row(name, found, exact, places, truth_m, max(self.steps_m)))
+            _show(record, rows[-1], found, exact, truth_m, tick)
         return rows, len(omitted)
 
     def _metrics(self, rows: Sequence[Row], omitted: int) -> list[Metric]:
@@ -138,10 +136,10 @@ class LargeMap:
         return [*found, *(Metric(f"{name}_{row['localizer']}", row[name], "1") for row in last for name in names)]
 
 
-def _queries(parts: Parts, asked: RandomPoses, record: Recorder, tick: Tick) -> tuple[Any, Floats]:
+def _queries(parts: Parts, asked: RandomPoses, record: Recorder, tick: Tick, stage: str) -> tuple[Any, Floats]:
     """Signatures of the queries, and where they were taken (Q, 3)."""
     signatures, truth_m = [], []
-    for frames in deliver(parts, parts.sensor.plan(asked), record, f"queries among {tick.step}"):
+    for frames in deliver(parts, parts.sensor.plan(asked), record, stage):
         signatures.append(describe(parts.descriptor, frames, record))
         truth_m.append(known_poses(frames.T_world_camera, "queries")[:, :3, 3])
         if len(truth_m) == 1:
@@ -154,14 +152,14 @@ def _row(name: str, found: Searched, exact: Searched, places: Places, truth_m: F
         "places": len(places),
         "localizer": name,
         "query_ms": found.query_ms,
-        "prepare_s": found.prepare_s,
-        "signatures_mb": places.signatures.nbytes / 1e6,
-        "index_mb": found.index_bytes / 1e6,
-        "peak_mb": _peak_mb(),
         "agreement": found.within(exact, coarse_m),
         "same": found.same(exact),
         "recall": found.recall(truth_m, coarse_m),
         "error_median_m": float(np.median(np.linalg.norm(found.position_m - truth_m, axis=1))),
+        "index_mb": found.index_bytes / 1e6,
+        "signatures_mb": places.signatures.nbytes / 1e6,
+        "prepare_s": found.prepare_s,
+        "peak_mb": _peak_mb(),
     }
 
 
@@ -171,14 +169,8 @@ def _peak_mb() -> float:
     return peak / 1e6 if sys.platform == "darwin" else peak * 1024 / 1e6
 
 
-def _show_map(record: Recorder, sensor: Sensor, places_m: Floats, tick: Tick) -> None:
-    if scene := sensor.scene():
-        record.log("room", scene, tick)
-    record.log("places", PlaceMap(places_m), tick)
-
-
-def _show_search(record: Recorder, row: Row, found: Searched, exact: Searched, truth_m: Floats, tick: Tick) -> None:
-    """The answers, and one point of each curve; steps are numbers of places."""
+def _show(record: Recorder, row: Row, found: Searched, exact: Searched, truth_m: Floats, tick: Tick) -> None:
+    """The answers, and one point of each curve."""
     at = np.array([tick.step]), np.array([tick.stamp_ns])
     name = row["localizer"]
     record.log(f"time/{name}", Series(np.array([row["query_ms"]]), *at, "ms"))
@@ -205,7 +197,7 @@ def _growth(rows: Sequence[Row]) -> Mapping[str, Sequence[Any]]:
 
 
 def _summary(table: Mapping[str, Sequence[Any]], growth: Mapping[str, Sequence[Any]], coarse_m: float) -> str:
-    shown = {name: column for name, column in table.items() if name not in {"prepare_s", "peak_mb"}}
+    shown = {name: column for name, column in table.items() if name not in {"signatures_mb", "prepare_s", "peak_mb"}}
     return "\n".join(
         [
             f"## Large maps; agreement and recall within {coarse_m:g} m",

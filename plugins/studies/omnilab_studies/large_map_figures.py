@@ -38,7 +38,7 @@ def scaling(rows: Sequence[Mapping[str, Any]]) -> Figure:
         axes.grid(alpha=0.25, which="both")
         axes.spines[["top", "right"]].set_visible(False)
         axes.legend(fontsize=8, frameon=False)
-    panels[2].set_ylim(top=1.005)
+    panels[2].set_ylim(min(0.9, panels[2].get_ylim()[0]), 1.005)
     figure.suptitle("Cost and agreement as the map grows")
     return figure
 

@@ -73,16 +73,12 @@ SIZES = ViewLayout(
 GROWTH = ViewLayout(
     columns=(
         (
-            Panel(
-                "map",
-                "Places, and queries in green where the place of the exhaustive answer is found",
-                ("room", "places", "camera", "answers"),
-            ),
+            Panel("map", "Places and queries (green: the exhaustive answer)", ("room", "places", "camera", "answers")),
             Panel("image", "The first query", ("query/image",)),
             Panel("image", "Its signature", ("query/signature",)),
         ),
         (
-            Panel("plot", "ms a query (steps are places)", ("time",)),
+            Panel("plot", "ms a query, a map a step", ("time",)),
             Panel("plot", "MB of the prepared map", ("memory",)),
             Panel("plot", "Agreement with exhaustive search", ("agreement",)),
         ),

@@ -28,16 +28,20 @@ class SideBySide:
 
     @classmethod
     def of(cls, sensors: Sequence[Sensor], layout: Layout) -> SideBySide:
-        """The worlds moved apart by what a layout covers of each."""
+        """The worlds moved apart by what a layout covers of each, and by what there is to see of it."""
         shifts: list[float] = []
         starts: list[float] = []
         end = 0.0
         for sensor in sensors:
-            x = known_poses(sensor.plan(layout).T_world_camera, "places")[:, 0, 3]
-            shifts.append(end + GAP_M - x.min() if shifts else 0.0)
-            starts.append(x.min() + shifts[-1] - GAP_M / 2)
-            end = x.max() + shifts[-1]
+            left, right = _width(sensor, layout)
+            shifts.append(end + GAP_M - left if shifts else 0.0)
+            starts.append(left + shifts[-1] - GAP_M / 2)
+            end = right + shifts[-1]
         return cls(sensors, np.array(shifts), np.array(starts))
+
+    def first(self, count: int) -> SideBySide:
+        """The first worlds alone, where they are."""
+        return SideBySide(self.sensors[:count], self.shift_m[:count], self.start_m[:count])
 
     def plan(self, layout: Layout) -> Plan:
         """The layout's poses in every world, one world after the other."""
@@ -77,6 +81,14 @@ class SideBySide:
             return [layout] * len(self.sensors)
         ends = np.linspace(0, layout.count, len(self.sensors) + 1).astype(int)
         return [replace(layout, count=int(count)) for count in np.diff(ends)]
+
+
+def _width(sensor: Sensor, layout: Layout) -> tuple[float, float]:
+    """The least and the greatest x of a layout's poses, and of the world around them."""
+    x = known_poses(sensor.plan(layout).T_world_camera, "places")[:, 0, 3]
+    if mesh := sensor.scene():
+        x = np.append(x, mesh.vertices_m[:, 0])
+    return float(x.min()), float(x.max())
 
 
 def _moved(T: Floats, shift_m: float) -> Floats:

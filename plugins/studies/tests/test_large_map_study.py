@@ -161,6 +161,7 @@ def test_worlds_lie_side_by_side(floors):
     np.testing.assert_array_equal(frames[1].images[0, 1:], alone.images[0, 1:])
     asked = both.plan(RandomPoses(10, 3)).T_world_camera[:, 0, 3]
     assert np.histogram(asked, [0, 5, 11, 17])[0].tolist() == [3, 3, 4]
+    assert both.first(2).plan(GridPoses(0.5)).keys == plan.keys[:126]
     mesh = both.scene()
     np.testing.assert_allclose(mesh.vertices_m[3:6], np.eye(3) + np.array([4 + GAP_M, 0, 0]))
     assert mesh.triangles.tolist() == [[0, 1, 2], [3, 4, 5], [6, 7, 8]]
