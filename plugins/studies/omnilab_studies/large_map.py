@@ -18,16 +18,18 @@ from omnilab.api import (
     Parts,
     PlaceMap,
     Places,
+    Plan,
     RandomPoses,
     Recorder,
     Report,
     Series,
+    Signatures,
     Text,
     Tick,
 )
 from omnilab.errors import ConfigError
 from omnilab_studies import charts
-from omnilab_studies.common import deliver, describe, describe_places, fitted, show_frame
+from omnilab_studies.common import deliver_queries, describe, describe_places, fitted, show_frame
 from omnilab_studies.contestants import joined_signatures
 from omnilab_studies.grids import check_step
 from omnilab_studies.large_map_figures import scaling
@@ -81,33 +83,31 @@ class LargeMap:
         seed = int(rng.integers(2**32))
 
         rows: list[Row] = []
-        omitted = 0
-        for number, (step_m, count) in enumerate(self._maps()):
-            on = replace(parts, sensor=worlds.first(count))
-            found, left_out = self._on(on, step_m, seed, Tick(number, MAP_NS * number), record)
-            rows += [{"worlds": count, "step_m": step_m, **row} for row in found]
-            omitted += left_out
+        left_out = 0
+        for i, step_m in enumerate(self.steps_m):
+            covered = worlds if i + 1 == len(self.steps_m) else worlds.first(1)
+            grid = covered.plan(self._grid(step_m))
+            whole, omitted = describe_places(replace(parts, sensor=covered), grid, record, f"{len(grid)} places")
+            left_out += len(omitted)
+            for count in range(1, len(covered.sensors) + 1):
+                some = covered.first(count)
+                tick = Tick(i + count - 1, MAP_NS * (i + count - 1))
+                found = self._on(replace(parts, sensor=some), some.part_of(whole), seed, tick, record)
+                rows += [{"worlds": count, "step_m": step_m, **row} for row in found]
 
         table = {name: [row[name] for row in rows] for name in rows[0]}
         growth = _growth(rows)
         record.log("summary", Text(_summary(table, growth, max(self.steps_m)), markdown=True))
-        return Report(self._metrics(rows, omitted), {"maps": table, "exponents": growth}, {"scaling": scaling(rows)})
-
-    def _maps(self) -> list[tuple[float, int]]:
-        """The step and the number of worlds of each map."""
-        finest = self.steps_m[-1]
-        return [*((step, 1) for step in self.steps_m), *((finest, 2 + i) for i in range(len(self.worlds)))]
+        return Report(self._metrics(rows, left_out), {"maps": table, "exponents": growth}, {"scaling": scaling(rows)})
 
     def _grid(self, step_m: float) -> GridPoses:
         return GridPoses(step_m, height_m=self.height_m)
 
-    def _on(self, parts: Parts, step_m: float, seed: int, tick: Tick, record: Recorder) -> tuple[list[Row], int]:
-        """One row for each localizer on one map, and how many of its nodes were not free."""
-        plan = parts.sensor.plan(self._grid(step_m))
-        places, omitted = describe_places(parts, plan, record, f"{len(plan)} places")
+    def _on(self, parts: Parts, places: Places, seed: int, tick: Tick, record: Recorder) -> list[Row]:
+        """One row for each localizer on one map."""
         record.log("places", PlaceMap(known_poses(places.T_world_camera, "places")[:, :3, 3]), tick)
-        asked = RandomPoses(self.query_count, seed, height_m=self.height_m)
-        queries, truth_m = _queries(parts, asked, record, tick, f"queries among {len(plan)}")
+        asked = parts.sensor.plan(RandomPoses(self.query_count, seed, height_m=self.height_m))
+        queries, truth_m = _queries(parts, asked, record, tick, seed)
 
         rows: list[Row] = []
         exact: Searched | None = None
@@ -117,9 +117,9 @@ class LargeMap:
             exact = exact or found
             rows.append(_row(name, found, exact, places, truth_m, max(self.steps_m)))
             _show(record, rows[-1], found, exact, truth_m, tick)
-        return rows, len(omitted)
+        return rows
 
-    def _metrics(self, rows: Sequence[Row], omitted: int) -> list[Metric]:
+    def _metrics(self, rows: Sequence[Row], left_out: int) -> list[Metric]:
         """Of the largest map, and the least of all. Times and memory are in the table alone: they differ from run to run."""
         held = [row for row in rows if row["localizer"] != EXHAUSTIVE]
         last = rows[-len({row["localizer"] for row in rows}) :]
@@ -127,19 +127,19 @@ class LargeMap:
             Metric("places_most", rows[-1]["places"], "1"),
             Metric("agreement_least", min(row["agreement"] for row in held), "1"),
             Metric("same_least", min(row["same"] for row in held), "1"),
-            Metric("maps", len(self._maps()), "1"),
+            Metric("maps", len(self.steps_m) + len(self.worlds), "1"),
             Metric("queries", self.query_count, "1"),
-            Metric("left_out", omitted, "1"),
+            Metric("left_out", left_out, "1"),
             Metric("bytes_per_place", 1e6 * rows[-1]["signatures_mb"] / rows[-1]["places"], "B"),
         ]
         names = ("agreement", "same", "recall")
         return [*found, *(Metric(f"{name}_{row['localizer']}", row[name], "1") for row in last for name in names)]
 
 
-def _queries(parts: Parts, asked: RandomPoses, record: Recorder, tick: Tick, stage: str) -> tuple[Any, Floats]:
-    """Signatures of the queries, and where they were taken (Q, 3)."""
+def _queries(parts: Parts, plan: Plan, record: Recorder, tick: Tick, seed: int) -> tuple[Signatures, Floats]:
+    """Signatures of the queries, disturbed as the run says, and where they were taken (Q, 3)."""
     signatures, truth_m = [], []
-    for frames in deliver(parts, parts.sensor.plan(asked), record, stage):
+    for frames in deliver_queries(parts, plan, record, seed):
         signatures.append(describe(parts.descriptor, frames, record))
         truth_m.append(known_poses(frames.T_world_camera, "queries")[:, :3, 3])
         if len(truth_m) == 1:

@@ -26,12 +26,12 @@ class Searched:
     @classmethod
     def by(cls, localizer: Localizer, distance: Distance, places: Places, queries: Signatures) -> Searched:
         """Prepare the map, ask once to warm up, then every query by itself, as a robot would."""
-        distance.match(queries[slice(1)], distance.prepare(places.signatures[slice(2)]))  # imports and compiles
+        distance.match(queries[:1], distance.prepare(places.signatures[:2]))  # imports and compiles
         tracemalloc.start()
         index, prepare_s = clocked(lambda: localizer.prepare(places, distance))
         index_bytes, _ = tracemalloc.get_traced_memory()
         tracemalloc.stop()
-        localizer.locate(queries[slice(1)], index)
+        localizer.locate(queries[:1], index)
         each = [queries[q : q + 1] for q in range(len(queries))]
         answers = [clocked(partial(localizer.locate, query, index)) for query in each]
         return cls(

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from omnilab.api import Floats, Frames, Layout, Mesh, Plan, RandomPoses, Sensor
+from omnilab.api import Floats, Frames, Layout, Mesh, Places, Plan, RandomPoses, Sensor
 from omnilab.errors import ConfigError
 from omnilab_studies.scoring import known_poses
 
@@ -24,24 +24,28 @@ class SideBySide:
 
     sensors: Sequence[Sensor]
     shift_m: Floats  # (N,) how far each sensor's world was moved along x
-    start_m: Floats  # (N,) where it begins, in x
+    end_m: Floats  # (N,) where it ends, in x
 
     @classmethod
     def of(cls, sensors: Sequence[Sensor], layout: Layout) -> SideBySide:
         """The worlds moved apart by what a layout covers of each, and by what there is to see of it."""
         shifts: list[float] = []
-        starts: list[float] = []
-        end = 0.0
+        ends: list[float] = []
         for sensor in sensors:
             left, right = _width(sensor, layout)
-            shifts.append(end + GAP_M - left if shifts else 0.0)
-            starts.append(left + shifts[-1] - GAP_M / 2)
-            end = right + shifts[-1]
-        return cls(sensors, np.array(shifts), np.array(starts))
+            shifts.append(ends[-1] + GAP_M / 2 - left if ends else 0.0)
+            ends.append(right + shifts[-1] + GAP_M / 2)
+        return cls(sensors, np.array(shifts), np.array(ends))
 
     def first(self, count: int) -> SideBySide:
         """The first worlds alone, where they are."""
-        return SideBySide(self.sensors[:count], self.shift_m[:count], self.start_m[:count])
+        return SideBySide(self.sensors[:count], self.shift_m[:count], self.end_m[:count])
+
+    def part_of(self, places: Places) -> Places:
+        """Those places of a larger map, world after world, that lie in these worlds."""
+        T = known_poses(places.T_world_camera, "places")
+        count = int((T[:, 0, 3] < self.end_m[-1]).sum())
+        return Places(places.signatures[:count], T[:count], places.keys[:count])
 
     def plan(self, layout: Layout) -> Plan:
         """The layout's poses in every world, one world after the other."""
@@ -56,7 +60,7 @@ class SideBySide:
     def frames(self, plan: Plan) -> Iterator[Frames]:
         """The images, world by world."""
         T = known_poses(plan.T_world_camera, "images")
-        world = np.searchsorted(self.start_m, T[:, 0, 3]) - 1
+        world = np.searchsorted(self.end_m, T[:, 0, 3])
         for i, (sensor, shift) in enumerate(zip(self.sensors, self.shift_m, strict=True)):
             here = np.flatnonzero(world == i)
             own = Plan(plan.at(here).keys, _moved(T[here], -shift))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from omnilab.api import Estimates, GridPoses, Mesh, Parts, RandomPoses
+from omnilab.api import Estimates, GridPoses, Mesh, Parts, Places, RandomPoses, Signatures
 from omnilab.errors import ConfigError
 from omnilab.record import Recorder
 from omnilab.testing import check_study
@@ -162,9 +162,20 @@ def test_worlds_lie_side_by_side(floors):
     asked = both.plan(RandomPoses(10, 3)).T_world_camera[:, 0, 3]
     assert np.histogram(asked, [0, 5, 11, 17])[0].tolist() == [3, 3, 4]
     assert both.first(2).plan(GridPoses(0.5)).keys == plan.keys[:126]
+    places = Places(Signatures(np.arange(189.0)), plan.T_world_camera, plan.keys)
+    assert both.first(2).part_of(places).signatures.place.tolist() == list(range(126))
     mesh = both.scene()
     np.testing.assert_allclose(mesh.vertices_m[3:6], np.eye(3) + np.array([4 + GAP_M, 0, 0]))
     assert mesh.triangles.tolist() == [[0, 1, 2], [3, 4, 5], [6, 7, 8]]
+
+
+def test_disturbances_spoil_the_queries_and_never_the_places(parts):
+    class Black:
+        def apply(self, images, camera, rngs):
+            return np.zeros_like(images)
+
+    _, metrics = run(replace(parts, disturbances={"black": Black()}))
+    assert metrics["same_stubborn"] == 1  # all are taken to be at the corner that is painted black
 
 
 def test_settings_that_make_no_sense_are_refused(parts):
