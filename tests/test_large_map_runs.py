@@ -41,4 +41,5 @@ def test_maps_grow_over_steps_and_worlds(omnilab_in, tmp_path):
     metrics = metrics_of(folder)
     assert metrics["places_most"] == places[-1]
     assert metrics["agreement_hierarchical"] >= metrics["agreement_one"]
+    assert metrics["compared_one"] < metrics["compared_hierarchical"] < metrics["compared_exhaustive"] == places[-1]
     assert all((folder / name).stat().st_size > 0 for name in ("exponents.csv", "scaling.png", "run.rrd", "run.mcap"))

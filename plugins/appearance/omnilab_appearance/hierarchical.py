@@ -124,6 +124,6 @@ def _check_scale(index: Index, chosen: Ints) -> None:
     apart = index.distance.match(representatives, index.prepared[0]).distance[:, first]
     if not np.allclose(together, apart, rtol=SAME, atol=SAME * float(together.max())):
         raise DataError(
-            f"{type(index.distance).__name__} learns its scale from the whole map, and clusters would each have their own;"
-            " choose another distance, or localizer=nearest"
+            "the distance learns its scale from the whole map, and clusters would each have their own; choose another"
+            " distance, or localizer=nearest"
         )

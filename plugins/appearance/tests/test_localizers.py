@@ -190,7 +190,7 @@ def test_equal_distances_and_duplicates_are_answered():
 
 def test_a_distance_that_learns_from_the_map_is_refused():
     values = np.random.default_rng(0).uniform(0, 9, (200, 6))
-    with pytest.raises(DataError, match="Log learns"):
+    with pytest.raises(DataError, match="learns its scale from the whole map"):
         Hierarchical().prepare(_map(values, np.zeros((200, 3))), Log())
 
 

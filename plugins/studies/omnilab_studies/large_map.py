@@ -50,7 +50,7 @@ class LargeMap:
     The run's `localizer` searches the whole map; every one of its `localizers` is held against it. `agreement` is the
     share of queries whose two answers lie within the coarsest of `steps_m`, `same` that of the same place, `recall` that of
     answers within the coarsest step of where the query was taken. Queries come one at a time; their time is the median,
-    without the description. Memory is that of the signatures and, by Python's own count, of the prepared map beside
+    without the description, and `compared` are the signatures that one is compared with, which no other load disturbs. Memory is that of the signatures and, by Python's own count, of the prepared map beside
     them. Exponents are slopes in the log-log figure. A descriptor that learns sees the first map alone.
     """
 
@@ -132,7 +132,7 @@ class LargeMap:
             Metric("left_out", left_out, "1"),
             Metric("bytes_per_place", 1e6 * rows[-1]["signatures_mb"] / rows[-1]["places"], "B"),
         ]
-        names = ("agreement", "same", "recall")
+        names = ("agreement", "same", "recall", "compared")
         return [*found, *(Metric(f"{name}_{row['localizer']}", row[name], "1") for row in last for name in names)]
 
 
@@ -152,6 +152,7 @@ def _row(name: str, found: Searched, exact: Searched, places: Places, truth_m: F
         "places": len(places),
         "localizer": name,
         "query_ms": found.query_ms,
+        "compared": found.compared,
         "agreement": found.within(exact, coarse_m),
         "same": found.same(exact),
         "recall": found.recall(truth_m, coarse_m),
@@ -174,6 +175,7 @@ def _show(record: Recorder, row: Row, found: Searched, exact: Searched, truth_m:
     at = np.array([tick.step]), np.array([tick.stamp_ns])
     name = row["localizer"]
     record.log(f"time/{name}", Series(np.array([row["query_ms"]]), *at, "ms"))
+    record.log(f"compared/{name}", Series(np.array([row["compared"]]), *at, "1"))
     record.log(f"memory/{name}", Series(np.array([row["index_mb"]]), *at, "MB"))
     if found is exact:
         return
@@ -191,7 +193,7 @@ def _growth(rows: Sequence[Row]) -> Mapping[str, Sequence[Any]]:
         "localizer": names,
         **{
             f"{cost}_exponent": [exponent(sizes, [row[cost] for row in of[name]]) for name in names]
-            for cost in ("query_ms", "index_mb")
+            for cost in ("query_ms", "compared", "index_mb")
         },
     }
 

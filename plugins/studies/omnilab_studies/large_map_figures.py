@@ -14,16 +14,20 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COSTS = {"query_ms": "ms a query, one at a time", "index_mb": "MB of the prepared map, beside the signatures"}
+COSTS = {
+    "query_ms": "ms a query, one at a time",
+    "compared": "signatures compared with a query",
+    "index_mb": "MB of the prepared map, beside the signatures",
+}
 SHARES = {"agreement": "o-", "same": "s--", "recall": "^:"}
 
 
 def scaling(rows: Sequence[Mapping[str, Any]]) -> Figure:
-    """Time and memory against the number of places, with fitted power laws, and how well the answers agree."""
+    """Costs against the number of places, with fitted power laws, and how well the answers agree."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(14.4, 4.6), dpi=DPI, layout="constrained")
-    panels = figure.subplots(1, 3)
+    figure = Figure(figsize=(10.4, 8.4), dpi=DPI, layout="constrained")
+    panels = figure.subplots(2, 2).ravel()
     names = list(dict.fromkeys(row["localizer"] for row in rows))
     for i, name in enumerate(names):
         own = [row for row in rows if row["localizer"] == name]
@@ -32,13 +36,13 @@ def scaling(rows: Sequence[Mapping[str, Any]]) -> Figure:
         for share, style in SHARES.items():
             if i or share == "recall":  # the first is what the others are held against
                 label = f"{name}: {share}"
-                panels[2].plot([r["places"] for r in own], [r[share] for r in own], style, color=f"C{i}", label=label)
+                panels[3].plot([r["places"] for r in own], [r[share] for r in own], style, color=f"C{i}", label=label)
     for axes, label in zip(panels, [*COSTS.values(), "share of the queries"], strict=True):
         axes.set(xscale="log", xlabel="places", ylabel=label)
         axes.grid(alpha=0.25, which="both")
         axes.spines[["top", "right"]].set_visible(False)
         axes.legend(fontsize=8, frameon=False)
-    panels[2].set_ylim(min(0.9, panels[2].get_ylim()[0]), 1.005)
+    panels[3].set_ylim(min(0.9, panels[3].get_ylim()[0]), 1.005)
     figure.suptitle("Cost and agreement as the map grows")
     return figure
 

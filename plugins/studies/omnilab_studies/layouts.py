@@ -79,6 +79,7 @@ GROWTH = ViewLayout(
         ),
         (
             Panel("plot", "ms a query, a map a step", ("time",)),
+            Panel("plot", "Signatures compared with a query", ("compared",)),
             Panel("plot", "MB of the prepared map", ("memory",)),
             Panel("plot", "Agreement with exhaustive search", ("agreement",)),
         ),

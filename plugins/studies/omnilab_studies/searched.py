@@ -6,11 +6,30 @@ import tracemalloc
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
-from omnilab.api import Distance, Floats, Ints, Localizer, Places, Signatures
+from omnilab.api import Distance, Floats, Ints, Localizer, Match, Places, Signatures
 from omnilab_studies.clocked import clocked
+
+
+@dataclass
+class Counted:
+    """A distance that counts the pairs it compares."""
+
+    distance: Distance
+    pairs: int = 0
+
+    def prepare(self, places: Signatures) -> Any:
+        """As the distance does."""
+        return self.distance.prepare(places)
+
+    def match(self, queries: Signatures, index: Any) -> Match:
+        """As the distance does."""
+        found = self.distance.match(queries, index)
+        self.pairs += found.distance.size
+        return found
 
 
 @dataclass(frozen=True)
@@ -22,16 +41,19 @@ class Searched:
     prepare_s: float
     index_bytes: int  # what the prepared map takes beside the signatures
     query_ms: float  # the median
+    compared: float  # signatures that a query is compared with, on average
 
     @classmethod
     def by(cls, localizer: Localizer, distance: Distance, places: Places, queries: Signatures) -> Searched:
         """Prepare the map, ask once to warm up, then every query by itself, as a robot would."""
         distance.match(queries[:1], distance.prepare(places.signatures[:2]))  # imports and compiles
+        counted = Counted(distance)
         tracemalloc.start()
-        index, prepare_s = clocked(lambda: localizer.prepare(places, distance))
+        index, prepare_s = clocked(lambda: localizer.prepare(places, counted))
         index_bytes, _ = tracemalloc.get_traced_memory()
         tracemalloc.stop()
         localizer.locate(queries[:1], index)
+        counted.pairs = 0
         each = [queries[q : q + 1] for q in range(len(queries))]
         answers = [clocked(partial(localizer.locate, query, index)) for query in each]
         return cls(
@@ -40,6 +62,7 @@ class Searched:
             prepare_s,
             index_bytes,
             1e3 * float(np.median([seconds for _, seconds in answers])),
+            counted.pairs / len(queries),
         )
 
     def same(self, other: Searched) -> float:

@@ -113,6 +113,7 @@ def test_queries_come_one_at_a_time_and_are_timed(parts):
     assert set(parts.localizers["other"].asked) == {1}
     assert len(parts.localizers["other"].asked) == 2 * (1 + 40)  # a warm-up each
     table = report.tables["maps"]
+    assert table["compared"] == [20] * 3 + [63] * 3
     assert all(value > 0 for name in ("query_ms", "prepare_s", "peak_mb") for value in table[name])
 
 
@@ -133,6 +134,7 @@ def test_exponents_are_slopes_of_the_logarithms(parts):
     assert np.isnan(exponent([10, 20], [0, 3]))
     growth = run(parts)[0].tables["exponents"]
     assert growth["localizer"] == ["exhaustive", "other", "stubborn"]
+    assert growth["compared_exponent"] == pytest.approx([1, 1, 1])
     assert growth["index_mb_exponent"][2] == pytest.approx(1, abs=0.05)
 
 
