@@ -4,6 +4,7 @@ from omnilab.hooks import Register, hookimpl
 from omnilab_studies.changes import Changes
 from omnilab_studies.cost import Cost
 from omnilab_studies.grid import Grid
+from omnilab_studies.large_map import LargeMap
 from omnilab_studies.linearity import Linearity
 from omnilab_studies.localize import Localize
 from omnilab_studies.make_map import MakeMap
@@ -17,6 +18,7 @@ __all__ = [
     "Changes",
     "Cost",
     "Grid",
+    "LargeMap",
     "Linearity",
     "Localize",
     "MakeMap",
@@ -41,3 +43,4 @@ def register_studies(register: Register) -> None:
     register("cost", Cost)
     register("robustness", Robustness)
     register("resolution", Resolution)
+    register("large_map", LargeMap)
