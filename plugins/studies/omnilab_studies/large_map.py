@@ -48,10 +48,11 @@ class LargeMap:
     """How time, memory and answers of localizers change as the map grows: finer grids, then more worlds.
 
     The run's `localizer` searches the whole map; every one of its `localizers` is held against it. `agreement` is the
-    share of queries whose two answers lie within the coarsest of `steps_m`, `same` that of the same place, `recall` that of
-    answers within the coarsest step of where the query was taken. Queries come one at a time; their time is the median,
-    without the description, and `compared` are the signatures that one is compared with, which no other load disturbs. Memory is that of the signatures and, by Python's own count, of the prepared map beside
-    them. Exponents are slopes in the log-log figure. A descriptor that learns sees the first map alone.
+    share of queries whose two answers lie within the coarsest of `steps_m`, `same` that of the same place, `recall` that
+    of answers within the coarsest step of where the query was taken. Queries come one at a time; their time is the
+    median, without the description, and `compared` are the signatures that one is compared with, which no other load of
+    the machine disturbs. Memory is that of the signatures and of the prepared map's arrays beside them. Exponents are
+    slopes in the log-log figure. A descriptor that learns sees the first map alone.
     """
 
     steps_m: list[float] = field(default_factory=lambda: [0.2, 0.12, 0.07, 0.04])  # of the grids in the sensor's world

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import tracemalloc
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from functools import partial
 from typing import Any
 
@@ -39,7 +38,7 @@ class Searched:
     place: Ints  # (Q,)
     position_m: Floats  # (Q, 3)
     prepare_s: float
-    index_bytes: int  # what the prepared map takes beside the signatures
+    index_bytes: int  # of the prepared map's arrays, beside the signatures
     query_ms: float  # the median
     compared: float  # signatures that a query is compared with, on average
 
@@ -48,10 +47,7 @@ class Searched:
         """Prepare the map, ask once to warm up, then every query by itself, as a robot would."""
         distance.match(queries[:1], distance.prepare(places.signatures[:2]))  # imports and compiles
         counted = Counted(distance)
-        tracemalloc.start()
         index, prepare_s = clocked(lambda: localizer.prepare(places, counted))
-        index_bytes, _ = tracemalloc.get_traced_memory()
-        tracemalloc.stop()
         localizer.locate(queries[:1], index)
         counted.pairs = 0
         each = [queries[q : q + 1] for q in range(len(queries))]
@@ -60,7 +56,7 @@ class Searched:
             np.concatenate([found.place for found, _ in answers]),
             np.concatenate([found.position_m for found, _ in answers]),
             prepare_s,
-            index_bytes,
+            array_bytes(index, but=places),
             1e3 * float(np.median([seconds for _, seconds in answers])),
             counted.pairs / len(queries),
         )
@@ -80,6 +76,31 @@ class Searched:
 
 def _share_within(one_m: Floats, other_m: Floats, limit_m: float) -> float:
     return float(np.mean(np.linalg.norm(one_m - other_m, axis=1) <= limit_m * (1 + 1e-9)))
+
+
+def array_bytes(thing: Any, but: Any = None) -> int:
+    """The bytes of all arrays that a thing of tuples, lists, dicts and dataclasses holds, each once, but those of another."""
+    seen: set[int] = set()
+    _unseen_bytes(but, seen)
+    return _unseen_bytes(thing, seen)
+
+
+def _unseen_bytes(thing: Any, seen: set[int]) -> int:
+    while isinstance(thing, np.ndarray) and isinstance(thing.base, np.ndarray):
+        thing = thing.base  # a view holds the whole
+    if id(thing) in seen:
+        return 0
+    seen.add(id(thing))
+    match thing:
+        case np.ndarray():
+            return thing.nbytes
+        case dict():
+            parts = list(thing.values())
+        case tuple() | list():
+            parts = list(thing)
+        case _:
+            parts = list(vars(thing).values()) if is_dataclass(thing) else []
+    return sum(_unseen_bytes(part, seen) for part in parts)
 
 
 def exponent(sizes: Sequence[float], costs: Sequence[float]) -> float:
