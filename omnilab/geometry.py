@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -90,3 +90,55 @@ def quaternion_xyzw(T: Floats) -> Floats:
     q = np.take_along_axis(K, best[..., None, None], axis=-2)[..., 0, :]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     return np.asarray(np.where(q[..., 3:] < 0, -q, q))
+
+
+class Similarity(NamedTuple):
+    """Points p become `scale` R p + t. A negative determinant of R is a reflection."""
+
+    scale: Floats  # (...,)
+    R: Floats  # (..., d, d)
+    t: Floats  # (..., d)
+
+    def apply(self, points: npt.ArrayLike) -> Floats:
+        """Points (..., n, d), moved."""
+        moved = self.scale[..., None, None] * np.asarray(points, float) @ np.swapaxes(self.R, -1, -2)
+        return np.asarray(moved + self.t[..., None, :])
+
+
+def procrustes(source: npt.ArrayLike, target: npt.ArrayLike, scale: bool = True, reflection: bool = True) -> Similarity:
+    """The similarity that takes points (..., n, d), d = 2 or 3, closest to others in the least squares (Umeyama, 1991).
+
+    Without `scale` it is 1, without `reflection` R is a rotation. Where either set lies on one line (d = 3: in one
+    plane) a turn and its mirror image fit alike, see `spanned`; the turn is answered. Points that coincide keep scale 1.
+    """
+    x, y = np.broadcast_arrays(np.asarray(source, float), np.asarray(target, float))
+    if x.ndim < 2 or x.shape[-2] == 0 or not (np.isfinite(x).all() and np.isfinite(y).all()):
+        raise ValueError(
+            f"points of shapes {np.shape(source)} and {np.shape(target)} with all numbers finite are needed"
+        )
+    x_mean, y_mean = x.mean(axis=-2, keepdims=True), y.mean(axis=-2, keepdims=True)
+    x, y = x - x_mean, y - y_mean
+    U, D, Vt = np.linalg.svd(np.swapaxes(y, -1, -2) @ x)
+    sign = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
+    if reflection:
+        sign = np.where(D[..., -1] > 1e-12 * D[..., 0], 1.0, sign)
+    U[..., -1] *= sign[..., None]
+    R = U @ Vt
+    spread = (x**2).sum(axis=(-2, -1))
+    factor = np.ones(spread.shape)
+    if scale:
+        along = D[..., :-1].sum(axis=-1) + sign * D[..., -1]
+        np.divide(along, spread, out=factor, where=spread > 0)
+    t = (y_mean - factor[..., None, None] * x_mean @ np.swapaxes(R, -1, -2))[..., 0, :]
+    return Similarity(factor, R, t)
+
+
+def spanned(points: npt.ArrayLike, tolerance: float = 1e-6) -> npt.NDArray[np.integer[Any]]:
+    """How many dimensions points (..., n, d) fill: 0 if they coincide, 1 on a line, 2 in a plane.
+
+    A direction counts where they spread by more than `tolerance` of what they do along the widest.
+    """
+    points = np.asarray(points, float)
+    spread = np.linalg.svd(points - points.mean(axis=-2, keepdims=True), compute_uv=False)
+    rounding = 1e-12 * np.abs(points).max(axis=(-2, -1))[..., None]
+    return np.asarray((spread > np.maximum(tolerance * spread[..., :1], rounding)).sum(axis=-1))
