@@ -4,12 +4,13 @@ from omnilab.hooks import Register, hookimpl
 from omnilab_studies.cost import Cost
 from omnilab_studies.grid import Grid
 from omnilab_studies.linearity import Linearity
+from omnilab_studies.local_map import LocalMap
 from omnilab_studies.render import Render
 from omnilab_studies.resolution import Resolution
 from omnilab_studies.robustness import Robustness
 from omnilab_studies.views import Views
 
-__all__ = ["Cost", "Grid", "Linearity", "Render", "Resolution", "Robustness", "Views"]
+__all__ = ["Cost", "Grid", "Linearity", "LocalMap", "Render", "Resolution", "Robustness", "Views"]
 
 
 @hookimpl
@@ -19,5 +20,6 @@ def register_studies(register: Register) -> None:
     register("render", Render)
     register("linearity", Linearity)
     register("cost", Cost)
+    register("local_map", LocalMap)
     register("robustness", Robustness)
     register("resolution", Resolution)
