@@ -171,6 +171,33 @@ def check_localizer(localizer: Any) -> None:
     _expect(bool(np.allclose(single, found.position_m)), "a batch gives other positions than its queries one by one")
 
 
+def check_map_maker(maker: Any) -> None:
+    """Shapes, deterministic, a plane's own distances are kept, infinite ones do not count, batch equals one by one."""
+    check_localizer(maker)
+    position = np.random.default_rng(8).uniform(-1, 1, (3, 12, 2))
+    given = np.linalg.norm(position[:, :, None] - position[:, None], axis=-1)
+    given[0, 2, 9] = given[0, 9, 2] = np.inf
+    before = given.copy()
+    made = maker.arrange(given, np.random.default_rng(4), steps=7)
+    _expect(np.array_equal(given, before), "the distances that were given are changed")
+    _expect(made.position.shape == position.shape, f"positions have shape {made.position.shape}, not (B, n, 2)")
+    _expect(made.steps is not None and made.steps.shape[1:] == position.shape, "states on the way are not (S, B, n, 2)")
+    _expect(bool(np.allclose(made.steps[-1], made.position)), "the last state on the way is not where they settled")
+    _expect(bool((made.iterations >= 0).all()), "iterations are below 0")
+    apart = np.linalg.norm(made.position[:, :, None] - made.position[:, None], axis=-1)
+    counts = np.isfinite(given)
+    misfit = np.sqrt(np.sum((apart - given) ** 2, axis=(1, 2), where=counts))
+    misfit /= np.sqrt(np.sum(given**2, axis=(1, 2), where=counts))
+    _expect(bool(np.allclose(made.stress, misfit, atol=1e-6)), f"stress is {made.stress}, the positions have {misfit}")
+    _expect(bool((misfit < 0.05).all()), f"distances of a plane are kept with a stress of {misfit.max():.3f} only")
+    again = maker.arrange(given, np.random.default_rng(4))
+    _expect(np.array_equal(again.position, made.position), "the same seed makes another map the second time")
+    single = [maker.arrange(given[i : i + 1], np.random.default_rng(4)).position for i in range(len(given))]
+    _expect(
+        bool(np.allclose(np.concatenate(single), made.position)), "a batch makes other maps than its sets one by one"
+    )
+
+
 def check_altimeter(altimeter: Any) -> None:
     """Shapes, deterministic, one reference for many tests, batch equals one by one, defined on black, pickles."""
     _common("altimeter", altimeter)

@@ -27,6 +27,8 @@ from omnilab_appearance.ring_key import RingKey
 from omnilab_appearance.root import Root
 from omnilab_appearance.rotational_pca import RotationalPca
 from omnilab_appearance.sift import Sift
+from omnilab_appearance.smacof import Smacof
+from omnilab_appearance.spring import Spring
 from omnilab_appearance.surf import Surf
 from omnilab_appearance.tilt import Tilt
 from omnilab_appearance.tiny_image import TinyImage
@@ -62,6 +64,8 @@ __all__ = [
     "Root",
     "RotationalPca",
     "Sift",
+    "Smacof",
+    "Spring",
     "Surf",
     "Tilt",
     "TinyImage",
@@ -118,3 +122,5 @@ def register_distances(register: Register) -> None:
 @hookimpl
 def register_localizers(register: Register) -> None:
     register("nearest", Nearest)
+    register("spring", Spring)
+    register("smacof", Smacof)

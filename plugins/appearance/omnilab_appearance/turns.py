@@ -79,13 +79,14 @@ def best_turns(queries: Spectra, places: Spectra, samples: int) -> tuple[Floats,
         rotation[:, chunk] = (2 * np.pi / samples * shift).reshape(cross.shape[1:])
 
     # a thread a block, and none within: the sums do not depend on their number, and they do not wait for each other
-    with _blas().limit(limits=1, user_api="blas"), ThreadPoolExecutor(os.cpu_count()) as pool:
+    with blas().limit(limits=1, user_api="blas"), ThreadPoolExecutor(os.cpu_count()) as pool:
         list(pool.map(compare, range(0, places.shape[2], step)))
     return agreement, rotation
 
 
 @cache
-def _blas() -> ThreadpoolController:
+def blas() -> ThreadpoolController:
+    """Limits the threads of numpy's linear algebra: on small matrices, they wait for each other longer than they work."""
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
