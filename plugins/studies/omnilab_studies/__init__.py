@@ -8,9 +8,10 @@ from omnilab_studies.local_map import LocalMap
 from omnilab_studies.render import Render
 from omnilab_studies.resolution import Resolution
 from omnilab_studies.robustness import Robustness
+from omnilab_studies.topological_map import TopologicalMap
 from omnilab_studies.views import Views
 
-__all__ = ["Cost", "Grid", "Linearity", "LocalMap", "Render", "Resolution", "Robustness", "Views"]
+__all__ = ["Cost", "Grid", "Linearity", "LocalMap", "Render", "Resolution", "Robustness", "TopologicalMap", "Views"]
 
 
 @hookimpl
@@ -21,5 +22,6 @@ def register_studies(register: Register) -> None:
     register("linearity", Linearity)
     register("cost", Cost)
     register("local_map", LocalMap)
+    register("topological_map", TopologicalMap)
     register("robustness", Robustness)
     register("resolution", Resolution)

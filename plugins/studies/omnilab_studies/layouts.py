@@ -75,9 +75,10 @@ LOCAL_MAPS = ViewLayout(
         (
             Panel(
                 "map",
-                "The map settles (blue: too close, red: too far apart) over the truth",
-                ("places", "truth", "map", "camera"),
+                "The local map settles over the truth (blue: compressed springs, red: stretched)",
+                ("truth", "map"),
             ),
+            Panel("map", "Places and query", ("room", "places", "camera")),
         ),
         (Panel("image", "Query", ("query/image",)), Panel("image", "Panorama", ("query/panorama",))),
         (
@@ -91,7 +92,7 @@ LOCAL_MAPS = ViewLayout(
 
 TOPOLOGICAL_MAPS = ViewLayout(
     columns=(
-        (Panel("map", "Each map settles (blue: too close, red: too far apart) over the truth", ("truth", "map")),),
+        (Panel("map", "Each map settles over the truth (blue: compressed springs, red: stretched)", ("truth", "map")),),
         (
             Panel("map", "Where the images are taken", ("room", "places", "camera")),
             Panel("image", "Image", ("query/image",)),

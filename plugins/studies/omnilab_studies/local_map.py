@@ -29,18 +29,20 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import procrustes
 from omnilab_studies import map_figures as figures
 from omnilab_studies.common import deliver, deliver_queries, show_picture
-from omnilab_studies.contestants import Contestant, contestants, descriptors_of, fitted_all
+from omnilab_studies.contestants import Contestant, contestants, descriptors_of, fitted_all, prepared
 from omnilab_studies.grids import check_extent, check_step, grid_poses
 from omnilab_studies.layouts import LOCAL_MAPS
 from omnilab_studies.map_makers import (
     STATE_NS,
     STATES,
     FittedMap,
+    arranged,
     every_edge,
     makers_of,
     plain,
     raised,
     settling,
+    warm_up,
 )
 from omnilab_studies.short_lists import ShortLists, described, keeping, short_lists
 from omnilab_studies.trials import (
@@ -123,12 +125,15 @@ class LocalMap:
 
         # what it amounts to
         trials = attempts.trials
+        if not trials:
+            why = next(iter(attempts.misfits.values()))
+            raise DataError(f"none of the distances can compare any of the signatures ({why}); choose others")
         best = first_of(trials)[0]
         maps = _show(best, lists[best.case.step_m], attempts, rivals, shown, record)
         omitted = [*queries.omitted, *(s for grid in grids.values() for s in grid.omitted)]
         omitted += [sentence for found in lists.values() for sentence in found.places.omitted]
         record.log("summary", Text(summary_of(trials), markdown=True))
-        for sentence in [*attempts.misfits, *omitted]:
+        for sentence in [*attempts.misfits.values(), *omitted]:
             record.log("log", Text(f"left out: {sentence}"))
         tables = {"local_maps": table_of(trials), "errors": errors_of(trials), "times": times_of(trials)}
         return Report(metrics_of(trials, len(omitted)), tables, figures.local_maps(trials, maps))
@@ -165,41 +170,43 @@ class _Attempts:
     def __init__(self, makers: Mapping[str, MapMaker], seeds: Ints, record: Recorder) -> None:
         self.makers, self._seeds, self._record = makers, seeds, record
         self.trials: list[Trial] = []
-        self.misfits: list[str] = []
+        self.misfits: dict[str, str] = {}  # contestants that cannot compare the images, and why
+        warm_up(makers.values())
 
     def make(self, step_m: float, lists: ShortLists, rivals: Sequence[Contestant], neighbours: Sequence[int]) -> None:
         """All maps of one step."""
-        todo = [(count, rival) for count in neighbours for rival in rivals]
+        able = [rival for rival in rivals if self._goes_together(rival, lists)]
+        todo = [(count, rival) for count in neighbours for rival in able]
         for count, rival in self._record.track(todo, f"maps, {step_m:g} m", len(todo), lambda _: 1):
-            try:
-                start = time.perf_counter()
-                with self._record.timed("compare", len(lists.near)):
-                    pairs = lists.pairs(rival, count)
-            except DataError as reason:
-                self._leave_out(f"{rival.name}: {reason}")
-                continue
+            start = time.perf_counter()
+            with self._record.timed("compare", len(lists.near)):
+                pairs = lists.pairs(rival, count)
             pairs_ms = 1e3 * (time.perf_counter() - start) / len(pairs)
             for name, maker in self.makers.items():
-                start = time.perf_counter()
-                with self._record.timed(f"arrange: {name}", len(pairs) * len(self._seeds)):
-                    made = [maker.arrange(pairs, np.random.default_rng(seed)) for seed in self._seeds]
-                each_ms = 1e3 * (time.perf_counter() - start) / len(pairs) / len(made)
-                times = Times(lists.search_ms, pairs_ms, each_ms)
+                with self._record.timed(f"arrange: {name}", len(pairs)):
+                    made = arranged(maker, pairs, self._seeds)
+                times = Times(lists.search_ms, pairs_ms, _arrange_ms(maker, pairs, self._seeds[0]))
                 case = Case(step_m, count, rival.name, name)
-                places = len(lists.places.position_m)
-                self.trials.append(trial_of(case, made, lists.places_m(count), lists.truth_m, places, times))
-        if not self.trials:
-            raise DataError(
-                f"none of the distances can compare any of the signatures ({self.misfits[0]}); choose others"
-            )
+                size = len(lists.places.position_m)
+                self.trials.append(trial_of(case, made, lists.places_m(count), lists.truth_m, size, times))
+
+    def _goes_together(self, rival: Contestant, lists: ShortLists) -> bool:
+        try:
+            prepared(rival, lists.places.signatures[rival.descriptor_name], turning=True)
+        except DataError as reason:
+            self.misfits[rival.name] = f"{rival.name}: {reason}"
+        return rival.name not in self.misfits
 
     def again(self, case: Case, pairs: Floats) -> Arrangement:
         """The first maps of a trial once more, with the states on the way."""
         return self.makers[case.localizer].arrange(pairs, np.random.default_rng(self._seeds[0]), STATES)
 
-    def _leave_out(self, sentence: str) -> None:
-        if sentence not in self.misfits:
-            self.misfits.append(sentence)
+
+def _arrange_ms(maker: MapMaker, pairs: Floats, seed: int) -> float:
+    """Milliseconds a map, from one start."""
+    start = time.perf_counter()
+    maker.arrange(pairs, np.random.default_rng(seed))
+    return 1e3 * (time.perf_counter() - start) / len(pairs)
 
 
 def _show(

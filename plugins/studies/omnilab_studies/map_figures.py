@@ -10,12 +10,14 @@ import numpy as np
 from omnilab_studies.figures import _figure as blank
 from omnilab_studies.map_makers import FittedMap
 from omnilab_studies.robustness_figures import CURVES
+from omnilab_studies.whole_maps import grid_edges
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from omnilab_studies.trials import Trial
+    from omnilab_studies.whole_maps import WholeMap
 
 TRUTH, FOUND, QUERY = "#8b93a1", "#2563a8", "#d1403f"
 
@@ -133,3 +135,40 @@ def fitted(maps: Sequence[FittedMap]) -> Figure:
         axes.set_title(f"error {error_m:.3f} m", fontsize=9)
     figure.suptitle("Places (grey) and their map (blue); the query (red): o truth, x answer", fontsize=10)
     return figure
+
+
+def whole_maps(maps: Sequence[WholeMap]) -> dict[str, Any]:
+    """A figure for each step (Payá et al., 2016, figures 12-14)."""
+    steps = dict.fromkeys(one.case.step_m for one in maps)
+    return {f"maps_{step_m:g}_m": drawn_maps([one for one in maps if one.case.step_m == step_m]) for step_m in steps}
+
+
+def drawn_maps(maps: Sequence[WholeMap]) -> Figure:
+    """A row a contestant, a column a way: the map over the true grid, whose neighbours the lines join."""
+    rows = list(dict.fromkeys(one.case.contestant for one in maps))
+    columns = list(dict.fromkeys(one.case[2:] for one in maps))
+    span = np.ptp(maps[0].position_m[:, :2], axis=0)
+    figure = blank(3.0 * len(columns), len(rows) * (3.0 * float(span[1] / span[0]) + 0.75))
+    grid = figure.subplots(len(rows), len(columns), squeeze=False)
+    for axes in grid.flat:
+        axes.set_axis_off()
+    for one in maps:
+        axes = grid[rows.index(one.case.contestant), columns.index(one.case[2:])]
+        _net(axes, one)
+    figure.suptitle(
+        f"Maps fitted to the grid, step {maps[0].case.step_m:g} m: RMS of the residuals in steps", fontsize=10
+    )
+    return figure
+
+
+def _net(axes: Axes, one: WholeMap) -> None:
+    truth, found = one.position_m[:, :2], one.found_m
+    lines = grid_edges(one.position_m, one.case.step_m)
+    across = np.abs(np.diff(truth[lines], axis=1)[:, 0]).argmax(axis=1)
+    for axis, color in enumerate((FOUND, "#e9a320")):
+        ends = found[lines[across == axis]]
+        strips = np.concatenate([ends, np.full((len(ends), 1, 2), np.nan)], axis=1).reshape(-1, 2)
+        axes.plot(*strips.T, "-", color=color, linewidth=0.8)
+    axes.plot(*truth.T, ".", color=TRUTH, markersize=2, zorder=0)
+    axes.set_aspect("equal")
+    axes.set_title(f"{one.case.contestant}\n{one.way}: {one.rms_steps:.2f}", fontsize=8)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -10,9 +10,11 @@ import numpy as np
 from omnilab.api import Arrangement, Floats, Graph, Ints, MapMaker, Parts, Signatures
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import Similarity
-from omnilab_studies.contestants import Contestant, prepared
+from omnilab_studies.contestants import Contestant
 
-REST, STRETCHED, COMPRESSED = np.array([198, 203, 212]), np.array([209, 64, 63]), np.array([37, 99, 168])
+REST, STRETCHED, COMPRESSED = np.array([198, 203, 212]), np.array([224, 49, 49]), np.array([40, 110, 230])
+TRUTH = np.array([80, 87, 100], np.uint8)
+FULL = 0.5  # strain at which a spring has its full colour
 STATES = 40  # of a map on its way, that are shown
 STATE_NS = 50_000_000  # between two of them, in the logs
 
@@ -35,11 +37,28 @@ def makers_of(parts: Parts) -> dict[str, MapMaker]:
     return dict(parts.localizers)  # type: ignore[arg-type]  # just checked
 
 
+def warm_up(makers: Iterable[MapMaker]) -> None:
+    """Let what is compiled at first use be so before anything is timed."""
+    triangle = np.array([[[0.0, 2, 3], [2, 0, 2], [3, 2, 0]]])
+    for maker in makers:
+        maker.arrange(triangle, np.random.default_rng(0), STATES)
+
+
+def arranged(maker: MapMaker, distance: Floats, seeds: Iterable[int]) -> list[Arrangement]:
+    """A map (B, n, n) from each start; a maker that draws nothing, and says so with its second map, is asked no further."""
+    made: list[Arrangement] = []
+    for seed in seeds:
+        same = len(made) > 1 and np.array_equal(made[0].position, made[1].position)
+        made.append(made[0] if same else maker.arrange(distance, np.random.default_rng(seed)))
+    return made
+
+
 def pair_distances(rival: Contestant, signatures: Signatures) -> Floats:
     """The distances (n, n) among signatures, both ways averaged, 0 on the diagonal; DataError if there are none."""
-    found = rival.distance.match(signatures, prepared(rival, signatures)).distance.astype(np.float64)
+    index = rival.distance.prepare(signatures)
+    found = rival.distance.match(signatures, index).distance.astype(np.float64)
     if not np.isfinite(found).all():
-        raise DataError(f"some distances of {rival.name} are no numbers")
+        raise DataError(f"some distances of {rival.name} are no numbers; leave it out")
     pairs = np.maximum((found + found.T) / 2, 0)  # rounding makes some of equal signatures negative
     np.fill_diagonal(pairs, 0)
     return pairs
@@ -48,12 +67,13 @@ def pair_distances(rival: Contestant, signatures: Signatures) -> Floats:
 def springs(position_m: Floats, length_m: Floats, edges: Ints) -> Graph:
     """Points (n, 3) and springs (E, 2) of natural lengths (n, n): stretched ones red, compressed ones blue.
 
-    The colour is full where a spring is twice as long as, or has none of, its natural length.
+    The colour is full where a spring is half as long again as its natural length, or half as long.
     """
     a, b = edges.T
     natural = length_m[a, b]
     apart = np.linalg.norm(position_m[a] - position_m[b], axis=1)
-    strain = np.divide(apart - natural, natural, out=np.ones_like(natural), where=natural > 0).clip(-1, 1)[:, None]
+    strain = np.divide(apart - natural, natural, out=np.ones_like(natural), where=natural > 0)[:, None]
+    strain = (strain / FULL).clip(-1, 1)
     colors = REST + np.abs(strain) * (np.where(strain > 0, STRETCHED, COMPRESSED) - REST)
     return Graph(position_m, edges, np.round(colors).astype(np.uint8))
 
@@ -73,7 +93,7 @@ def every_edge(count: int) -> Ints:
 
 def plain(position_m: Floats, edges: Ints) -> Graph:
     """Points (n, 3) and edges without strain."""
-    return Graph(position_m, edges, np.tile(REST.astype(np.uint8), (len(edges), 1)))
+    return Graph(position_m, edges, np.tile(TRUTH, (len(edges), 1)))
 
 
 def settling(
