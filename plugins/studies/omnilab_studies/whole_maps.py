@@ -87,13 +87,14 @@ def geodesic(length: Floats, links: int) -> Floats:
 
     DataError if the links leave the points in several parts.
     """
-    from scipy.sparse.csgraph import shortest_path
+    from scipy.sparse.csgraph import csgraph_from_dense, shortest_path
 
     others = np.where(np.eye(len(length), dtype=bool), np.inf, length)
     farthest = np.sort(others, axis=1)[:, min(links, len(length) - 1) - 1]
     linked = (others <= farthest[:, None]) | (others <= farthest)
-    tiny = 1e-9 * float(length.max()) or 1.0  # scipy takes 0 for no link
-    paths = np.asarray(shortest_path(np.where(linked, np.maximum(length, tiny), np.inf), directed=False))
+    # 0 is a link, too: that of repeated images
+    graph = csgraph_from_dense(np.where(linked, length, np.inf), null_value=np.inf)
+    paths = np.asarray(shortest_path(graph, method="D", directed=False))
     if not np.isfinite(paths).all():
         raise DataError(f"{links} links leave the images in parts; give more in study.links")
     return paths
