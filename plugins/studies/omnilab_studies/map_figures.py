@@ -9,7 +9,6 @@ import numpy as np
 
 from omnilab_studies.figures import _figure as blank
 from omnilab_studies.map_makers import FittedMap
-from omnilab_studies.robustness_figures import CURVES
 from omnilab_studies.whole_maps import grid_edges
 
 if TYPE_CHECKING:
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
     from omnilab_studies.whole_maps import WholeMap
 
 TRUTH, FOUND, QUERY = "#8b93a1", "#2563a8", "#d1403f"
+COLORS = ["#2563a8", "#2a9d5c", "#e9a320", "#7d4fa3", "#17a2b0", "#8b5a2b"]
 
 
 def local_maps(trials: Sequence[Trial], maps: Sequence[FittedMap]) -> dict[str, Any]:
@@ -45,17 +45,16 @@ def errors(trials: Sequence[Trial], localizer: str) -> Figure:
         for t in (t for t in trials if t.case.contestant == name):
             k = counts.index(t.case.neighbours)
             at = steps.index(t.case.step_m) + (k - (len(counts) - 1) / 2) * wide
-            _box(axes, t, at, wide, CURVES[k % len(CURVES)])
+            _box(axes, t, at, wide, COLORS[k % len(COLORS)])
         axes.set_xticks(range(len(steps)), [f"{step_m:g} m" for step_m in steps])
         axes.set_title(name, fontsize=9)
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(axis="y", alpha=0.25)
     for axes in grid.ravel()[len(names) :]:
         axes.set_axis_off()
-    top = 2.5 * max(float(np.quantile(t.centroid_m, 0.95)) for t in trials)
     for axes in grid[:, 0]:
-        axes.set(ylabel="position error [m]", ylim=(0, top))
-    handles = [_patch(CURVES[k % len(CURVES)]) for k in range(len(counts))]
+        axes.set(ylabel="position error [m]", yscale="log")
+    handles = [_patch(COLORS[k % len(COLORS)]) for k in range(len(counts))]
     labels = [f"{count} places" for count in counts]
     figure.legend(
         [*handles, _dash()], [*labels, "centroid, median"], loc="outside lower center", ncols=6, frameon=False
@@ -95,10 +94,15 @@ def times(trials: Sequence[Trial]) -> Figure:
     first, count = trials[0].case.step_m, trials[0].case.neighbours
     for k, name in enumerate(makers):
         own = [t for t in trials if t.case.localizer == name]
-        _curve(left, {t.case.neighbours: _of(own, "neighbours", t, first) for t in own}, f"a map, {name}", CURVES[k])
+        _curve(
+            left,
+            {t.case.neighbours: _of(own, "neighbours", t, first) for t in own},
+            f"a map, {name}",
+            COLORS[k % len(COLORS)],
+        )
         at = [t for t in own if t.case.neighbours == count]
         sizes = {t.places: float(np.mean([o.times.arrange_ms for o in at if o.places == t.places])) for t in at}
-        _curve(right, sizes, f"a map of {count} places, {name}", CURVES[k])
+        _curve(right, sizes, f"a map of {count} places, {name}", COLORS[k % len(COLORS)])
     _curve(right, {t.places: t.times.search_ms for t in trials}, "the search of all places", QUERY)
     left.set(xlabel="places in the local map", title=f"Arranging, step {first:g} m")
     right.set(xlabel="places in the whole map", title="Searching and arranging")
