@@ -41,12 +41,13 @@ class LocalMap(ABC):
     constants: Constants = Constants.equal  # of pairs: equal, or inverse_square: min(slope / distance², 100)
     slope: float | None = None  # of the distance's curve; null: the mean square of the map's distances, free of scale
     threshold: float | None = None  # pairs that are less alike do not count; null: all do
+    linked: int | None = None  # pairs count where one is among the other's so many most alike; null: all do
     seed: int = 0  # of what is drawn; every query gets the same draws
 
     def __post_init__(self) -> None:
         if self.neighbours < 3:
             raise ConfigError(f"neighbours={self.neighbours} place nothing in a plane; give at least 3")
-        for name in ("slope", "threshold"):
+        for name in ("slope", "threshold", "linked"):
             value = getattr(self, name)
             if value is not None and not value > 0:
                 raise ConfigError(f"{name}={value:g} is not above 0; give a positive number or null")
@@ -71,7 +72,7 @@ class LocalMap(ABC):
         known = places.T_world_camera[chosen, :3, 3]
         _tell(spanned(known[..., :2]) < 2, "queries have their neighbours on one line, which their maps may be mirrored at;"
               " give more neighbours, or places in two dimensions")  # fmt: skip
-        pairs = pairwise(nearest.field, chosen, places.signatures, distance)
+        pairs = pairwise(queries, chosen, places.signatures, distance)
         plane = self.arrange(pairs, np.random.default_rng(self.seed)).position
         fit = procrustes(plane[:, :-1], known[..., :2])
         xy = fit.apply(plane[:, -1:])[:, 0]
@@ -79,7 +80,7 @@ class LocalMap(ABC):
         return Estimates(nearest.place, nearest.distance, position_m, nearest.heading_rad, nearest.field)
 
     def arrange(self, distance: Floats, rng: np.random.Generator, steps: int = 0) -> Arrangement:
-        """Place B sets of n points from distances (B, n, n), of which infinite ones and those beyond `threshold` do not count.
+        """Place B sets of n points from distances (B, n, n), of which infinite ones do not count.
 
         All sets get the same draws of `rng`, so that a set comes out the same in any batch.
         """
@@ -99,16 +100,19 @@ class LocalMap(ABC):
         if distance.ndim != 3 or distance.shape[1] != distance.shape[2] or distance.shape[1] < 3:
             raise DataError(f"distances of shape {distance.shape} make no map; give (sets, n, n), n at least 3")
         apart = ~np.eye(distance.shape[1], dtype=bool)
-        if not (distance[:, apart] >= 0).all():
+        farthest = float(np.max(distance, initial=0, where=apart & np.isfinite(distance)))
+        if not (distance[:, apart] >= -max(1e-5, 1e-3 * farthest)).all():  # just below 0 is rounding
             raise DataError("distances hold NaN or numbers below 0, so nothing can be arranged; check the descriptor")
-        lengths = 0.5 * (distance + distance.swapaxes(1, 2))
+        lengths = np.maximum(0.5 * (distance + distance.swapaxes(1, 2)), 0)
         counts = apart & np.isfinite(lengths) & (lengths <= (self.threshold or np.inf))
+        if self.linked:
+            counts &= most_alike(np.where(counts, lengths, np.inf), self.linked)
         longest = np.where(counts, lengths, -np.inf).max(axis=(1, 2))
         shortest = np.where(counts, lengths, np.inf).min(axis=(1, 2))
         alike = longest - shortest <= 1e-6 * longest
         _tell(alike, "maps have all distances equal, which tells nothing of where their images lie; compare images by"
               " another distance")  # fmt: skip
-        _tell(~connected(counts), "maps fall into parts that no distance holds together; raise the threshold")
+        _tell(~connected(counts), "maps fall into parts that no distance holds together; raise threshold or linked")
         return lengths, counts
 
     def _weights(self, lengths: Floats, counts: Flags) -> Floats:
@@ -123,15 +127,23 @@ class LocalMap(ABC):
         return ones * np.divide(slope, capped, out=np.ones_like(capped), where=capped > 0)
 
 
-def pairwise(field: Floats, chosen: npt.NDArray[np.intp], places: Signatures, distance: Distance) -> Floats:
-    """Distances (Q, n + 1, n + 1) among the n chosen places (Q, n) of each query and, last, the query."""
-    count, n = chosen.shape
-    pairs = np.zeros((count, n + 1, n + 1))
-    pairs[:, n, :n] = pairs[:, :n, n] = np.take_along_axis(field, chosen, axis=1)
+def pairwise(queries: Signatures, chosen: npt.NDArray[np.intp], places: Signatures, distance: Distance) -> Floats:
+    """Distances (Q, n + 1, n + 1) among the n chosen places (Q, n) of each query and, last, the query.
+
+    The distance prepares each such set as a map of its own, which those that learn from the map (`log`) will notice.
+    """
+    pairs = np.empty((len(queries), chosen.shape[1] + 1, chosen.shape[1] + 1))
     for q, some in enumerate(chosen):
-        near = places[some]
-        pairs[q, :n, :n] = distance.match(near, distance.prepare(near)).distance
+        both = Signatures(np.concatenate([places.place[some], queries.place[q : q + 1]]))
+        pairs[q] = distance.match(both, distance.prepare(both)).distance
     return pairs
+
+
+def most_alike(lengths: Floats, count: int) -> Flags:
+    """Which pairs of lengths (B, n, n) are among the `count` shortest of one of their two."""
+    last = min(count, lengths.shape[1]) - 1
+    near = lengths <= np.partition(lengths, last, axis=2)[:, :, last : last + 1]
+    return np.asarray(near | near.swapaxes(1, 2))
 
 
 def stress(position: Floats, lengths: Floats, counts: Flags) -> Floats:

@@ -34,9 +34,7 @@ class Spring(LocalMap):
     starts: int = 4  # random ones
     damping: float = 0.6  # of every damper, N s per unit of length
     step_s: float = 0.03  # Δt
-    tolerance: float = (
-        1e-3  # settled when springs change their lengths by less, root mean square, in mean distances per second
-    )
+    tolerance: float = 1e-3  # settled where springs change by less, root mean square, in mean distances a second
     iterations: int = 10_000  # at most
 
     def __post_init__(self) -> None:

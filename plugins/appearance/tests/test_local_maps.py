@@ -13,7 +13,7 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses, procrustes
 from omnilab.testing import check_map_maker
 from omnilab_appearance import Cosine, Euclidean, Smacof, Spring, _map_kernels
-from omnilab_appearance.local_maps import Constants, connected
+from omnilab_appearance.local_maps import Constants, connected, most_alike
 from omnilab_appearance.smacof import classical_scaling
 from omnilab_appearance.spring import Integrator
 
@@ -144,6 +144,28 @@ def test_missing_distances_are_found_from_the_others():
     assert np.array_equal(by_threshold.position, made.position)
 
 
+def test_only_pairs_of_most_alike_images_count_where_they_are_linked():
+    """On a line with gaps that grow each point takes its two neighbours, and the two at the ends take one beyond theirs."""
+    points = np.zeros((1, 6, 2))
+    points[0, :, 0] = [0, 1, 2.5, 4.5, 7, 10]
+    pairs = np.argwhere(np.triu(most_alike(np.where(np.eye(6), np.inf, distances(points)), 2)[0]))
+    assert pairs.tolist() == [[0, 1], [0, 2], [1, 2], [2, 3], [3, 4], [3, 5], [4, 5]]
+
+
+def test_links_unbend_a_map_whose_far_distances_saturate():
+    x, y = np.meshgrid(np.arange(12.0), np.arange(5.0))
+    points = np.stack([x.ravel(), y.ravel()], axis=1)
+    exact = distances(points)
+    bent = np.minimum(exact, 3.0)[None]
+
+    def residual(maker):
+        position = maker.arrange(bent, np.random.default_rng(0)).position[0]
+        return np.linalg.norm(procrustes(position, points).apply(position) - points, axis=1).max()
+
+    assert residual(Smacof(linked=8, tolerance=1e-9)) < 0.05
+    assert residual(Smacof()) > 0.5
+
+
 @pytest.mark.parametrize("verlet", [False, True])
 def test_two_masses_swing_as_the_damped_oscillator_does(verlet):
     """Stretch x of a spring between two masses of 1 kg: x'' = -2 k x - 2 c x', from rest."""
@@ -248,6 +270,16 @@ def test_places_on_a_line_are_said_to_mirror_the_query(maker, caplog):
     assert "1 of 1 queries have their neighbours on one line" in caplog.text
 
 
+def test_distances_just_below_zero_are_zero():
+    """Cosines of equal signatures come out a little above 1."""
+    exact = distances(np.random.default_rng(1).uniform(0, 1, (1, 8, 2)))
+    exact[0, 2] = exact[0, :, 2] = exact[0, 5]
+    exact[0, 2, 5] = exact[0, 5, 2] = exact[0, 2, 2] = 0
+    below = np.where(exact == 0, -1.2e-7, exact)
+    made, other = (Smacof().arrange(d, np.random.default_rng(0)).position for d in (exact, below))
+    assert np.array_equal(made, other)
+
+
 def test_places_at_one_position_answer_that_position():
     same = np.tile([1.0, 2.0, 3.0], (9, 1))
     seen = np.random.default_rng(0).uniform(0, 1, (9, 3))
@@ -271,6 +303,14 @@ def test_a_map_in_pieces_is_said(caplog):
     points = np.array([[[0.0, 0], [1, 0], [0, 1], [50, 0], [51, 0], [50, 1]]])
     made = Smacof(threshold=3.0).arrange(distances(points), np.random.default_rng(0))
     assert np.allclose(distances(made.position[0, :3]), distances(points[0, :3]), atol=1e-3)
+    assert "1 of 1 maps fall into parts" in caplog.text
+
+
+@pytest.mark.parametrize("maker", [Smacof(threshold=1e-9), Spring(threshold=1e-9)])
+def test_a_threshold_that_leaves_no_pair_is_said(maker, caplog):
+    made = maker.arrange(noisy(0), np.random.default_rng(0))
+    assert np.isfinite(made.position).all()
+    assert made.stress[0] == 0
     assert "1 of 1 maps fall into parts" in caplog.text
 
 
@@ -301,6 +341,7 @@ def test_distances_of_two_points_are_refused():
         (lambda: Spring(starts=0), "starts=0"),
         (lambda: Spring(step_s=-1), "step_s=-1"),
         (lambda: Smacof(threshold=0.0), "threshold=0"),
+        (lambda: Smacof(linked=0), "linked=0"),
         (lambda: Smacof(tolerance=0.0), "tolerance=0"),
     ],
 )
