@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
 
 from omnilab.api import (
-    Arrangement,
-    Floats,
     Frames,
-    Ints,
-    MapMaker,
     Parts,
     PlaceMap,
     Plan,
@@ -28,26 +23,22 @@ from omnilab.api import (
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import procrustes
 from omnilab_studies import map_figures as figures
+from omnilab_studies.attempts import Attempts
 from omnilab_studies.common import deliver, deliver_queries, show_picture
-from omnilab_studies.contestants import Contestant, contestants, descriptors_of, fitted_all, prepared
+from omnilab_studies.contestants import Contestant, contestants, descriptors_of, fitted_all
 from omnilab_studies.grids import check_extent, check_step, grid_poses
 from omnilab_studies.layouts import LOCAL_MAPS
 from omnilab_studies.map_makers import (
     STATE_NS,
-    STATES,
     FittedMap,
-    arranged,
     every_edge,
     makers_of,
     plain,
     raised,
     settling,
-    warm_up,
 )
 from omnilab_studies.short_lists import ShortLists, described, keeping, short_lists
 from omnilab_studies.trials import (
-    Case,
-    Times,
     Trial,
     errors_of,
     first_of,
@@ -55,7 +46,6 @@ from omnilab_studies.trials import (
     summary_of,
     table_of,
     times_of,
-    trial_of,
 )
 
 
@@ -114,24 +104,20 @@ class LocalMap:
         queries = described([chooser, *rivals], frames, "queries", record)
 
         # the maps: of every step, by all
-        attempts = _Attempts(makers, np.array(starts), record)
-        lists: dict[float, ShortLists] = {}
+        attempts = Attempts(makers, np.array(starts), record)
+        omitted = [*queries.omitted, *(sentence for grid in grids.values() for sentence in grid.omitted)]
         for step_m, grid in grids.items():
             frames = deliver(parts, grid, record, f"places, {step_m:g} m")
             places = described([chooser, *rivals], frames, "places", record)
             self._check_neighbours(step_m, len(places.position_m))
-            lists[step_m] = short_lists(chooser, places, queries, max(self.neighbours), record)
-            attempts.make(step_m, lists[step_m], rivals, self.neighbours)
+            omitted += places.omitted
+            lists = short_lists(chooser, places, queries, max(self.neighbours), record)
+            attempts.make(step_m, lists, rivals, self.neighbours)
+            if step_m == self.steps_m[0]:
+                maps = _show(first_of(attempts.trials)[0], lists, attempts, rivals, shown, record)
 
         # what it amounts to
         trials = attempts.trials
-        if not trials:
-            why = next(iter(attempts.misfits.values()))
-            raise DataError(f"none of the distances can compare any of the signatures ({why}); choose others")
-        best = first_of(trials)[0]
-        maps = _show(best, lists[best.case.step_m], attempts, rivals, shown, record)
-        omitted = [*queries.omitted, *(s for grid in grids.values() for s in grid.omitted)]
-        omitted += [sentence for found in lists.values() for sentence in found.places.omitted]
         record.log("summary", Text(summary_of(trials), markdown=True))
         for sentence in [*attempts.misfits.values(), *omitted]:
             record.log("log", Text(f"left out: {sentence}"))
@@ -164,53 +150,8 @@ def _contestants(parts: Parts, grid: Plan, record: Recorder) -> tuple[Contestant
     return chooser, contestants(learnt)
 
 
-class _Attempts:
-    """Maps made of short lists, by every contestant and localizer, and what came of them."""
-
-    def __init__(self, makers: Mapping[str, MapMaker], seeds: Ints, record: Recorder) -> None:
-        self.makers, self._seeds, self._record = makers, seeds, record
-        self.trials: list[Trial] = []
-        self.misfits: dict[str, str] = {}  # contestants that cannot compare the images, and why
-        warm_up(makers.values())
-
-    def make(self, step_m: float, lists: ShortLists, rivals: Sequence[Contestant], neighbours: Sequence[int]) -> None:
-        """All maps of one step."""
-        able = [rival for rival in rivals if self._goes_together(rival, lists)]
-        todo = [(count, rival) for count in neighbours for rival in able]
-        for count, rival in self._record.track(todo, f"maps, {step_m:g} m", len(todo), lambda _: 1):
-            start = time.perf_counter()
-            with self._record.timed("compare", len(lists.near)):
-                pairs = lists.pairs(rival, count)
-            pairs_ms = 1e3 * (time.perf_counter() - start) / len(pairs)
-            for name, maker in self.makers.items():
-                with self._record.timed(f"arrange: {name}", len(pairs)):
-                    made = arranged(maker, pairs, self._seeds)
-                times = Times(lists.search_ms, pairs_ms, _arrange_ms(maker, pairs, self._seeds[0]))
-                case = Case(step_m, count, rival.name, name)
-                size = len(lists.places.position_m)
-                self.trials.append(trial_of(case, made, lists.places_m(count), lists.truth_m, size, times))
-
-    def _goes_together(self, rival: Contestant, lists: ShortLists) -> bool:
-        try:
-            prepared(rival, lists.places.signatures[rival.descriptor_name], turning=True)
-        except DataError as reason:
-            self.misfits[rival.name] = f"{rival.name}: {reason}"
-        return rival.name not in self.misfits
-
-    def again(self, case: Case, pairs: Floats) -> Arrangement:
-        """The first maps of a trial once more, with the states on the way."""
-        return self.makers[case.localizer].arrange(pairs, np.random.default_rng(self._seeds[0]), STATES)
-
-
-def _arrange_ms(maker: MapMaker, pairs: Floats, seed: int) -> float:
-    """Milliseconds a map, from one start."""
-    start = time.perf_counter()
-    maker.arrange(pairs, np.random.default_rng(seed))
-    return 1e3 * (time.perf_counter() - start) / len(pairs)
-
-
 def _show(
-    best: Trial, lists: ShortLists, attempts: _Attempts, rivals: Sequence[Contestant],
+    best: Trial, lists: ShortLists, attempts: Attempts, rivals: Sequence[Contestant],
     shown: Sequence[tuple[Frames, int]], record: Recorder,
 ) -> list[FittedMap]:  # fmt: skip
     """The best contestant's maps of the first queries, as they settle; and the error of every query."""
