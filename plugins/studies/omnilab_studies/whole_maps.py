@@ -87,14 +87,13 @@ def geodesic(length: Floats, links: int) -> Floats:
 
     DataError if the links leave the points in several parts.
     """
-    from scipy.sparse.csgraph import csgraph_from_dense, shortest_path
-
     others = np.where(np.eye(len(length), dtype=bool), np.inf, length)
     farthest = np.sort(others, axis=1)[:, min(links, len(length) - 1) - 1]
     linked = (others <= farthest[:, None]) | (others <= farthest)
-    # 0 is a link, too: that of repeated images
-    graph = csgraph_from_dense(np.where(linked, length, np.inf), null_value=np.inf)
-    paths = np.asarray(shortest_path(graph, method="D", directed=False))
+    paths = np.where(linked, length, np.inf)
+    np.fill_diagonal(paths, 0)
+    for k in range(len(length)):  # Floyd and Warshall
+        np.minimum(paths, paths[:, k, None] + paths[k], out=paths)
     if not np.isfinite(paths).all():
         raise DataError(f"{links} links leave the images in parts; give more in study.links")
     return paths
