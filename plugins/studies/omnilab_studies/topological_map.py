@@ -108,7 +108,7 @@ class TopologicalMap:
         rivals = contestants(fitted_all(parts, grids[self.steps_m[0]], record))
 
         # the maps: of every step, by all
-        atlas = _Atlas(makers, self.links, int(rng.integers(2**32)), record)
+        atlas = _Atlas(makers, self.links, self.random_headings, int(rng.integers(2**32)), record)
         omitted: list[str] = []
         for step_m, grid in grids.items():
             frames = deliver(parts, grid, record, f"images, {step_m:g} m")
@@ -152,8 +152,10 @@ class TopologicalMap:
 class _Atlas:
     """Maps of whole grids by every contestant and localizer."""
 
-    def __init__(self, makers: Mapping[str, MapMaker], links: Sequence[int], seed: int, record: Recorder) -> None:
-        self._makers, self._links, self._seed, self._record = makers, links, seed, record
+    def __init__(
+        self, makers: Mapping[str, MapMaker], links: Sequence[int], turning: bool, seed: int, record: Recorder
+    ) -> None:
+        self._makers, self._links, self._turning, self._seed, self._record = makers, links, turning, seed, record
         self.maps: list[WholeMap] = []
         self.misfits: list[str] = []
 
@@ -164,7 +166,7 @@ class _Atlas:
             try:
                 pairs = self._pairs(rival, images, links)
             except DataError as reason:
-                self._leave_out(f"{rival.name}, {step_m:g} m, {links} links: {reason}")
+                self.misfits.append(f"{rival.name}, {step_m:g} m, {links} links: {reason}")
                 continue
             for name, maker in self._makers.items():
                 start = time.perf_counter()
@@ -177,13 +179,10 @@ class _Atlas:
     def _pairs(self, rival: Contestant, images: Described, links: int) -> Floats:
         """The distances (n, n) of all images, along links where these are asked for."""
         signatures = images.signatures[rival.descriptor_name]
-        prepared(rival, signatures)  # tells what does not go together
+        prepared(rival, signatures, self._turning)  # tells what does not go together
         with self._record.timed("compare", len(images.position_m) ** 2):
             pairs = pair_distances(rival, signatures)
         return geodesic(pairs, links) if links else pairs
-
-    def _leave_out(self, sentence: str) -> None:
-        self.misfits.append(sentence)
 
 
 def _show(maps: Sequence[WholeMap], record: Recorder) -> None:

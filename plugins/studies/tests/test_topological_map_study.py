@@ -154,6 +154,13 @@ def test_headings_are_those_asked_for(parts):
     assert np.ptp(heading_of(turned.T_world_camera)) > 1
 
 
+def test_turned_cameras_need_a_distance_that_looks_for_turns(parts, plain):
+    shifting = replace(parts, descriptors={"painted": plain["Shifting"]()})
+    assert run(shifting).tables["topological_maps"]["contestant"] == ["painted"] * 2
+    with pytest.raises(DataError, match="the camera turns between images"):
+        run(shifting, random_headings=True)
+
+
 def test_links_that_leave_parts_are_said(parts, plain):
     wall = [[x, y] for x in (1.5, 2.0, 2.5) for y in 0.5 * np.arange(7)]
     with pytest.raises(DataError, match=r"not one map .* 2 links leave the images in parts"):
