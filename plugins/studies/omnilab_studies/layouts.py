@@ -94,7 +94,7 @@ TOPOLOGICAL_MAPS = ViewLayout(
     columns=(
         (Panel("map", "Each map settles over the truth (blue: compressed springs, red: stretched)", ("truth", "map")),),
         (
-            Panel("map", "Where the images are taken", ("room", "places", "camera")),
+            Panel("map", "Where the images are taken", ("room", "truth", "camera")),
             Panel("image", "Image", ("query/image",)),
             Panel("image", "Panorama", ("query/panorama",)),
         ),

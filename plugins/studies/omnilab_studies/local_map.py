@@ -31,9 +31,7 @@ from omnilab_studies.layouts import LOCAL_MAPS
 from omnilab_studies.map_makers import (
     STATE_NS,
     FittedMap,
-    every_edge,
     makers_of,
-    plain,
     raised,
     settling,
 )
@@ -161,15 +159,14 @@ def _show(
     rival = next(rival for rival in rivals if rival.name == case.contestant)
     pairs = lists.pairs(rival, case.neighbours, len(shown))
     arrangement = attempts.again(case, pairs)
-    edges = every_edge(case.neighbours + 1)
     step = 0
     maps = []
     for q, (frames, i) in enumerate(shown):
         truth_m = np.vstack([places_m[q], lists.truth_m[q]])
         fit = procrustes(arrangement.position[q, :-1], places_m[q])
         show_picture(record, frames, i, Tick(step, STATE_NS * step))
-        record.log("truth", plain(raised(truth_m, height_m), edges), Tick(step, STATE_NS * step))
-        for graph in settling(arrangement, q, pairs[q], fit, edges, height_m):
+        record.log("truth", PlaceMap(raised(truth_m, height_m)), Tick(step, STATE_NS * step))
+        for graph in settling(arrangement, q, pairs[q], fit, height_m):
             record.log("map", graph, Tick(step, STATE_NS * step))
             step += 1
         maps.append(FittedMap(truth_m, fit.apply(arrangement.position[q])))

@@ -13,7 +13,7 @@ from omnilab.geometry import Similarity
 from omnilab_studies.contestants import Contestant
 
 REST, STRETCHED, COMPRESSED = np.array([198, 203, 212]), np.array([224, 49, 49]), np.array([40, 110, 230])
-TRUTH = np.array([80, 87, 100], np.uint8)
+SPRINGS = 4  # of each point, to those that are most alike, that are shown
 FULL = 0.5  # strain at which a spring has its full colour
 STATES = 40  # of a map on its way, that are shown
 STATE_NS = 50_000_000  # between two of them, in the logs
@@ -86,21 +86,10 @@ def nearest_edges(length: Floats, count: int) -> Ints:
     return np.unique(np.sort(ends, axis=1), axis=0)
 
 
-def every_edge(count: int) -> Ints:
-    """All springs (E, 2) among so many points."""
-    return np.stack(np.triu_indices(count, 1), axis=1)
-
-
-def plain(position_m: Floats, edges: Ints) -> Graph:
-    """Points (n, 3) and edges without strain."""
-    return Graph(position_m, edges, np.tile(TRUTH, (len(edges), 1)))
-
-
-def settling(
-    arrangement: Arrangement, which: int, length: Floats, fit: Similarity, edges: Ints, height_m: float
-) -> Iterator[Graph]:
+def settling(arrangement: Arrangement, which: int, length: Floats, fit: Similarity, height_m: float) -> Iterator[Graph]:
     """The states of one of the maps on its way, each moved as the last one fits the world."""
     assert arrangement.steps is not None
+    edges = nearest_edges(length, SPRINGS)
     for plane in arrangement.steps[:, which]:
         yield springs(raised(fit.apply(plane), height_m), float(fit.scale) * length, edges)
 

@@ -34,9 +34,7 @@ from omnilab_studies.map_makers import (
     STATE_NS,
     STATES,
     makers_of,
-    nearest_edges,
     pair_distances,
-    plain,
     settling,
     warm_up,
 )
@@ -48,14 +46,11 @@ from omnilab_studies.whole_maps import (
     WholeMap,
     best_of_each,
     geodesic,
-    grid_edges,
     metrics_of,
     summary_of,
     table_of,
     times_of,
 )
-
-SPRINGS = 4  # of each image, to the most alike ones, that are shown
 
 
 @dataclass
@@ -189,12 +184,8 @@ def _show(maps: Sequence[WholeMap], record: Recorder) -> None:
     """The best map of every step and contestant, as it settles."""
     step = 0
     for one in best_of_each(maps):
-        record.log("places", PlaceMap(one.position_m), Tick(step, STATE_NS * step))
-        lines = grid_edges(one.position_m, one.case.step_m)
-        height_m = float(one.position_m[0, 2])
-        record.log("truth", plain(one.position_m, lines), Tick(step, STATE_NS * step))
+        record.log("truth", PlaceMap(one.position_m), Tick(step, STATE_NS * step))
         record.log("log", Text(one.title), Tick(step, STATE_NS * step))
-        edges = nearest_edges(one.length, SPRINGS)
-        for graph in settling(one.made, 0, one.length, one.fit, edges, height_m):
+        for graph in settling(one.made, 0, one.length, one.fit, float(one.position_m[0, 2])):
             record.log("map", graph, Tick(step, STATE_NS * step))
             step += 1
