@@ -42,6 +42,7 @@ __all__ = [
     "Image",
     "Layout",
     "Learner",
+    "Learnt",
     "Localizer",
     "MapMaker",
     "Match",
@@ -226,6 +227,7 @@ class Places:
     signatures: Signatures
     T_world_camera: Floats | None  # (P, 4, 4)
     keys: Sequence[str]
+    learnt: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)  # by the descriptor, where it had to learn
 
     def __len__(self) -> int:
         return len(self.signatures)
@@ -445,6 +447,7 @@ class Report:
     metrics: Sequence[Metric]
     tables: Mapping[str, Mapping[str, Sequence[Any] | npt.NDArray[Any]]] = field(default_factory=dict)
     figures: Mapping[str, Any] = field(default_factory=dict)  # matplotlib figures, by file name without ending
+    map: Places | None = None  # to be kept, so that other runs can localise in it
 
 
 class Recorder(Protocol):
@@ -506,11 +509,22 @@ class Descriptor(Protocol):
 
 
 @runtime_checkable
+class Learnt(Descriptor, Protocol):
+    """What a learner has learnt: a descriptor that can be saved with a map."""
+
+    def state(self) -> Mapping[str, npt.NDArray[Any]]:
+        """All that was learnt, as arrays of numbers."""
+
+
+@runtime_checkable
 class Learner(Protocol):
     """A descriptor that must see the map before it can describe."""
 
-    def fit(self, images: Bytes) -> Descriptor:
+    def fit(self, images: Bytes) -> Learnt:
         """The descriptor that was learnt from the views (N, H, W[, 3]) of the map's images."""
+
+    def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> Learnt:
+        """The descriptor whose `state` that was; DataError if it is not one of this learner's, with these settings."""
 
 
 @runtime_checkable

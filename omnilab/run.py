@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, cast
 
@@ -21,9 +22,10 @@ from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from omnilab.api import Parts, Report
 from omnilab.cache import Cache
-from omnilab.errors import ConfigError, OmnilabError
+from omnilab.errors import ConfigError, DataError, OmnilabError
 from omnilab.fingerprint import file_digests
 from omnilab.logbook import DONE, FAILED, INTERRUPTED, Logbook, origin
+from omnilab.maps import FILE, about_map, load_places, map_file, save_map
 from omnilab.record import Recorder
 from omnilab.registry import DICTS, KINDS, Registry, members
 
@@ -47,6 +49,7 @@ class Run:
     altimeters: dict[str, Any] = field(default_factory=dict)  # that a study compares
     disturbances: dict[str, Any] = field(default_factory=dict)  # of the queries, in the order they apply
     sinks: dict[str, Any] = field(default_factory=dict)
+    map: str | None = None  # a map that another run saved, or that run's folder; it brings its descriptor and distance
     seed: int = 0
     threads: int = 1  # of each matrix product: results are only the same bit for bit with the same number
     logs: str = "logs"  # where run folders go
@@ -60,6 +63,8 @@ ConfigStore.instance().store(name="omnilab_run", node=Run, provider="omnilab")
 def build(config: DictConfig, registry: Registry) -> Run:
     """Live components from a composed configuration, each slot checked against its Protocol."""
     _refuse_unknown(config)
+    if not OmegaConf.is_missing(config, "map") and config.map is not None:
+        _fill_from_map(config, registry)
     try:
         run = OmegaConf.to_object(config)
     except MissingMandatoryValue as error:
@@ -87,11 +92,43 @@ def build(config: DictConfig, registry: Registry) -> Run:
     return run
 
 
+def _fill_from_map(config: DictConfig, registry: Registry) -> None:
+    """A map is asked with the descriptor that made it, and unless another is chosen with its distance."""
+    path = map_file(Path(str(config.map)))
+    about = about_map(path)
+    for slot in ("descriptor", "distance"):
+        if slot not in about["components"] or slot not in about["config"]:
+            raise DataError(f"{path} does not say with which {slot} it was made; make it anew: omnilab experiment=map")
+    own = _component("descriptor", "descriptor", about["config"]["descriptor"], about, registry)
+    if config.descriptor is not None and (
+        OmegaConf.get_type(config.descriptor) is not OmegaConf.get_type(own) or config.descriptor != own
+    ):
+        raise ConfigError(
+            f"{path} was described by {_brief(about, own)}, and the run's descriptor is another or set otherwise; leave"
+            " descriptor=... out, or make a map with it"
+        )
+    used = about["components"]["descriptor"]
+    here = registry.components["descriptor", used["name"]].plugin.version
+    if used.get("version") != here:
+        log.warning("%s was described by version %s of %s, and %s is installed: distances may not mean the same",
+                    path, used.get("version"), used.get("distribution"), here)  # fmt: skip
+    config.map, config.descriptor = str(path), own
+    if config.distance is None:
+        config.distance = _component("distance", "distance", about["config"]["distance"], about, registry)
+
+
+def _brief(about: Mapping[str, Any], settings: DictConfig) -> str:
+    """A component with its settings, in a few words."""
+    return f"{about['components']['descriptor']['name']} ({', '.join(f'{k!s}={v}' for k, v in settings.items())})"
+
+
 def _is_filled(value: Any) -> bool:
     return value is not None and value != {}
 
 
 def _way_to_fill(slot: str, registry: Registry) -> str:
+    if slot == "map":
+        return "map=FILE, of a run of experiment=map"
     if slot not in DICTS:
         return f"{slot}={'|'.join(registry.names(slot))}"
     kind = DICTS[slot]
@@ -162,7 +199,11 @@ def named_components(run: Run, registry: Registry) -> dict[str, dict[str, str]]:
 
 def resolved_yaml(run: Run) -> str:
     """The configuration as it ran, defaults and all."""
-    return OmegaConf.to_yaml(OmegaConf.create({name: _settings(value) for name, value in vars(run).items()}))
+    return OmegaConf.to_yaml(_resolved(run))
+
+
+def _resolved(run: Run) -> DictConfig:
+    return OmegaConf.create({name: _settings(value) for name, value in vars(run).items()})
 
 
 def _settings(value: Any) -> Any:
@@ -186,6 +227,8 @@ def execute(run: Run, folder: Path, registry: Registry, overrides: Sequence[str]
                 log.info("%s", failure.sentence)  # the command line has told the user
             report: Report = run.study.run(_parts(run, registry, cache), recorder, np.random.default_rng(run.seed))
             book.write(report)
+            if report.map is not None:
+                save_map(folder / FILE, report.map, _about(run, registry))
     except KeyboardInterrupt:
         book.status(INTERRUPTED, sinks_dropped=recorder.dropped)
         raise
@@ -218,6 +261,19 @@ def manifest_of(
     }
 
 
+def _about(run: Run, registry: Registry) -> dict[str, Any]:
+    """What a saved map says of the components that made it."""
+    slots = ("descriptor", "distance", "sensor")
+    named = named_components(run, registry)
+    config = OmegaConf.to_container(_resolved(run), enum_to_str=True)
+    assert isinstance(config, dict)
+    return {
+        "components": {slot: named[slot] for slot in slots if slot in named},
+        "config": {slot: config[slot] for slot in slots if slot in named},
+        "omnilab": version("omnilab"),
+    }
+
+
 def _cache(run: Run) -> Cache | None:
     """Where descriptions are kept; None if they are not, or the study measures what describing costs."""
     if run.cache is None or run.cache.lower() in OFF or not getattr(run.study, "cached", True):
@@ -231,6 +287,7 @@ def _parts(run: Run, registry: Registry, cache: Cache | None) -> Parts:
     if cache is not None:
         parts["descriptor"] = run.descriptor and cache.wrap(run.descriptor)
         parts["descriptors"] = {name: cache.wrap(d) for name, d in run.descriptors.items()}
+    parts["map"] = run.map and load_places(Path(run.map))
     return Parts(**parts, default_distances=own)
 
 

@@ -53,7 +53,9 @@ def check_descriptor(descriptor: Any) -> None:
     _common("descriptor", descriptor)
     images = _pictures(descriptor.view, descriptor.color)
     if is_learner := isinstance(descriptor, api.Learner):
-        descriptor = descriptor.fit(images)
+        learner, descriptor = descriptor, descriptor.fit(images)
+        _expect(_same(learner.restore(descriptor.state()).describe(images), descriptor.describe(images), 0),
+                "restored from its state, what was learnt gives other signatures")  # fmt: skip
     first = descriptor.describe(images)
     _expect(isinstance(first, Signatures), f"describes images as {type(first).__name__}, not as Signatures")
     for part in (first.place, *([] if first.heading is None else [first.heading])):
@@ -174,6 +176,7 @@ def check_localizer(localizer: Any) -> None:
 def check_map_maker(maker: Any) -> None:
     """Shapes, deterministic, a plane's own distances are kept, infinite ones do not count, batch equals one by one."""
     check_localizer(maker)
+    _expect(isinstance(maker, api.MapMaker), "has no `arrange`")
     position = np.random.default_rng(8).uniform(-1, 1, (3, 12, 2))
     given = np.linalg.norm(position[:, :, None] - position[:, None], axis=-1)
     given[0, 2, 9] = given[0, 9, 2] = np.inf

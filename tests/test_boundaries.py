@@ -25,7 +25,7 @@ LAYERS = (  # a module of omnilab imports from the layers before its own
     {"noncentral", "ocam", "stereo"},
     {"calibration", "resample"},
     {"", "console", "metrics", "projection"},
-    {"fingerprint", "logbook", "record", "registry", "shelf"},
+    {"fingerprint", "logbook", "maps", "record", "registry", "shelf"},
     {"cache"},
     {"run", "terminal", "testing"},
     {"experiment"},

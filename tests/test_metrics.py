@@ -1,10 +1,24 @@
 """Scores on maps small enough to check by hand."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omnilab.metrics import distances_to, heading_error, ranks, sharpness, verdicts
+from omnilab.metrics import (
+    average_precision,
+    bootstrap,
+    distances_to,
+    first_ranks,
+    heading_error,
+    precision_recall,
+    ranks,
+    recall_at,
+    recall_at_full_precision,
+    sharpness,
+    spacing,
+    verdicts,
+)
 
 GRID = np.array([[x, y, 1.0] for y in range(3) for x in range(3)])  # place 3 * y + x
 
@@ -45,3 +59,64 @@ def test_heading_errors_do_not_care_about_whole_turns(a, b):
     error = heading_error(np.array([a]), np.array([b]))[0]
     assert 0 <= error <= np.pi + 1e-12
     assert np.isclose(np.cos(error), np.cos(a - b), atol=1e-9)
+
+
+def test_spacing_is_the_step_of_a_grid():
+    assert spacing(0.2 * GRID) == pytest.approx(0.2)
+    assert np.isnan(spacing(GRID[:1]))
+    x, y = np.meshgrid(np.arange(60), np.arange(40))
+    assert spacing(0.3 * np.column_stack([x.ravel(), y.ravel(), np.zeros(2400)])) == pytest.approx(0.3)
+
+
+def test_the_first_true_place_comes_after_all_that_are_as_far():
+    field = np.array([[3.0, 1, 2, 2], [1, 1, 1, 1], [0, 1, 2, 3]])
+    true = np.array([[False, False, True, False], [False, True, False, False], [False] * 4])
+    assert first_ranks(field, true).tolist() == [3, 4, 0]  # a constant field finds its place last
+
+
+def test_recall_leaves_out_queries_without_a_true_place():
+    ranks = np.array([1, 2, 0, 6, 0])
+    assert recall_at(ranks, 1) == pytest.approx(1 / 3)
+    assert recall_at(ranks, 5) == pytest.approx(2 / 3)
+    assert np.isnan(recall_at(np.zeros(2, int), 1))
+
+
+def test_precision_and_recall_by_hand():
+    distance = np.array([0.1, 0.2, 0.2, 0.4, 0.5])
+    correct = np.array([True, False, True, True, False])
+    known = np.array([True, True, True, True, False])  # the last query has no true place: only precision suffers
+    precision, recall, threshold = precision_recall(distance, correct, known)
+    assert threshold.tolist() == [0.1, 0.2, 0.4, 0.5]
+    assert np.allclose(precision, [1, 2 / 3, 3 / 4, 3 / 5])
+    assert np.allclose(recall, [1 / 4, 2 / 4, 3 / 4, 3 / 4])
+    assert recall_at_full_precision(precision, recall) == 0.25
+    assert average_precision(precision, recall) == pytest.approx(1 / 4 + 2 / 3 / 4 + 3 / 4 / 4)
+
+
+@given(st.lists(st.tuples(st.integers(0, 5), st.booleans()), min_size=1, max_size=40))
+def test_precision_and_recall_as_scikit_learn_has_them(answers):
+    sklearn = pytest.importorskip("sklearn.metrics", reason="scikit-learn is not installed")
+    distance, correct = np.array([d for d, _ in answers], float), np.array([c for _, c in answers])
+    if not correct.any():
+        return
+    found = average_precision(*precision_recall(distance, correct, correct)[:2])
+    assert found == pytest.approx(sklearn.average_precision_score(correct, -distance))
+
+
+def test_a_bootstrap_interval_covers_the_mean_as_often_as_it_says():
+    rng = np.random.default_rng(0)
+    covered = 0
+    for _ in range(200):
+        values = rng.normal(size=60)
+        low, high = bootstrap(lambda chosen, values=values: float(values[chosen].mean()), 60, rng, resamples=200)
+        covered += low <= 0 <= high
+    assert 180 <= covered <= 198  # 95 %, within three standard errors, and a little less for 60 samples
+
+
+def test_a_bootstrap_skips_resamples_that_say_nothing():
+    values = np.array([np.nan, 1.0])
+    statistic = lambda chosen: float(np.nanmax(values[chosen])) if np.isfinite(values[chosen]).any() else np.nan
+    assert bootstrap(statistic, 2, np.random.default_rng(1), resamples=50) == (1.0, 1.0)
+    low, high = bootstrap(lambda _: float("nan"), 2, np.random.default_rng(1), resamples=5)
+    assert np.isnan(low)
+    assert np.isnan(high)

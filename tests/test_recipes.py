@@ -2,9 +2,13 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hydra import compose, initialize_config_module
 
+from omnilab.api import Places, Signatures
+from omnilab.geometry import planar_poses
+from omnilab.maps import save_map
 from omnilab.registry import discover
 from omnilab.run import build, named_components, resolved_yaml
 
@@ -16,6 +20,12 @@ def test_a_recipe_is_whole(name, tmp_path):
     registry = discover("")
     overrides = [f"experiment={name}", *([f"sensor.path={tmp_path}"] if name.startswith("recorded") else [])]
     overrides += [f"study.folder={tmp_path}"] if name == "render" else []
+    if name == "localize":
+        poses = planar_poses(np.eye(3))
+        used = {"descriptor": {"name": "radon"}, "distance": {"name": "poc"}}
+        places = Places(Signatures(np.ones((3, 173, 180), np.float32)), poses, ["a", "b", "c"])
+        save_map(tmp_path / "map.npz", places, {"components": used, "config": {"descriptor": {}, "distance": {}}})
+        overrides.append(f"map={tmp_path}")
     with initialize_config_module("omnilab.conf", version_base="1.3"):
         run = build(compose("config", overrides), registry)
     assert all(component["name"] for component in named_components(run, registry).values())

@@ -75,6 +75,7 @@ def test_a_run_leaves_these_files(folder):
     assert {file.name for file in folder.iterdir()} == {
         "config.yaml", "manifest.json", "status.json", "metrics.csv", "cost.csv", "queries.csv", "run.log",
         "run.rrd", "run.mcap", "success.png", "distance_surface.png", "error_map.png", "worst.png",
+        "recall.png",
     }  # fmt: skip
 
 
@@ -119,7 +120,7 @@ def test_latest_points_at_the_run(folder, here):
 
 
 def test_the_command_prints_the_metrics(command, metrics):
-    shown = dict(line.split()[:2] for line in command.stdout.splitlines() if len(line.split()) in {2, 3})
+    shown = dict(line.split()[:2] for line in command.stdout.splitlines()[2:])
     for name, value in metrics.items():
         assert float(shown[name]) == pytest.approx(value, rel=1e-5), name
 
@@ -148,7 +149,7 @@ def test_costs_are_positive_and_the_stages_fit_into_the_whole(folder):
     )
 
 
-@pytest.mark.parametrize("name", ["success", "distance_surface", "error_map", "worst"])
+@pytest.mark.parametrize("name", ["success", "distance_surface", "error_map", "worst", "recall"])
 def test_figures_decode_and_show_something(folder, name):
     image = cv2.imread(str(folder / f"{name}.png"))
     assert image is not None

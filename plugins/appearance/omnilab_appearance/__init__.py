@@ -6,6 +6,7 @@ from omnilab_appearance.color_shift import ColorShift
 from omnilab_appearance.cosine import Cosine
 from omnilab_appearance.euclidean import Euclidean
 from omnilab_appearance.features import Features, FeaturesTurned
+from omnilab_appearance.filter import Filter
 from omnilab_appearance.fourier_signature import FourierSignature
 from omnilab_appearance.gist import Gist
 from omnilab_appearance.hog import Hog
@@ -42,6 +43,7 @@ __all__ = [
     "Euclidean",
     "Features",
     "FeaturesTurned",
+    "Filter",
     "FourierSignature",
     "GaussianNoise",
     "Gist",
@@ -122,5 +124,6 @@ def register_distances(register: Register) -> None:
 @hookimpl
 def register_localizers(register: Register) -> None:
     register("nearest", Nearest)
+    register("filter", Filter)
     register("spring", Spring)
     register("smacof", Smacof)

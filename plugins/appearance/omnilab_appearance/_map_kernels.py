@@ -12,43 +12,33 @@ import numpy as np
 
 SMALLEST = 1e-4  # share of the time step below which no smaller one is tried
 RELEASED = 2.0  # a system whose energy grows to this many times what it had at rest flies apart
-ANY_ORDER = {
-    "reassoc",
-    "contract",
-    "arcp",
-    "nsz",
-}  # sums may be split into vectors; NaN and infinity stay what they are
+# sums may be split into vectors; NaN and infinity stay what they are
+ANY_ORDER = {"reassoc", "contract", "arcp", "nsz"}
 TINY = 1e-300  # keeps the direction between two points in one place at zero
 
 
 @nb.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
 def springs(lengths, stiffness, damping, start, verlet, step_s, tolerance, limit, marks):  # type: ignore[no-untyped-def]
-    """Let masses of 1 kg settle from rest at `start` (R, 2, n), joined by springs and dampers: three times (R, n, n).
+    """Let masses of 1 kg settle from rest at `start` (R, 2, n), joined by springs and dampers: three times (B, n, n).
 
-    Answers positions (R, 2, n), energies (R,), iterations (R,), -1 where they did not settle in `limit`, time steps
-    (R,), halved where the masses flew apart, and the states (M, R, 2, n) after as many iterations as `marks` (M, R) say.
+    The first R / B starts are of the first set, and so on. Answers positions (R, 2, n), energies (R,), iterations (R,),
+    -1 where they did not settle in `limit`, time steps (R,), halved where the masses flew apart, and the states
+    (M, R, 2, n) after as many iterations as `marks` (M, R) say.
     """
+    starts = len(start) // len(lengths)
     position = start.copy()
     energy = np.empty(len(start))
     iterations = np.empty(len(start), np.int64)
     steps = np.full(len(start), step_s)
     states = np.empty((len(marks), *start.shape))
     for r in nb.prange(len(start)):
-        flown = True
+        b, flown = r // starts, True
         while flown and steps[r] > SMALLEST * step_s:
             position[r] = start[r]
             energy[r], iterations[r], flown = _settle(
-                position[r],
-                lengths[r],
-                stiffness[r],
-                damping[r],
-                verlet,
-                steps[r],
-                tolerance,
-                limit,
-                marks[:, r],
+                position[r], lengths[b], stiffness[b], damping[b], verlet, steps[r], tolerance, limit, marks[:, r],
                 states[:, r],
-            )
+            )  # fmt: skip
             if flown:
                 steps[r] /= 2
     return position, energy, iterations, steps, states

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,6 +17,8 @@ from omnilab_appearance.pictures import channels_of, with_rows
 
 Spectra = npt.NDArray[np.complexfloating[Any, Any]]
 LARGEST_FILE = 2**31  # bytes
+LEARNT = ("mean", "vectors", "frequencies", "singular")
+SETTINGS = ("rotations", "rows", "color")  # that what was learnt depends on
 
 
 @dataclass
@@ -59,6 +62,14 @@ class RotationalPca:
         kept = sorted(found, key=lambda part: (-part[0], part[1]))[: self.components]
         frequencies = np.array([frequency for _, frequency, _ in kept])
         return Eigenspace(self, mean, np.stack([v for *_, v in kept]), frequencies, np.array([s for s, *_ in kept]))
+
+    def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> Eigenspace:
+        """The eigenspace whose state it was; DataError unless it was fitted with such settings."""
+        return Eigenspace.of(state, self, "the map")
+
+    def state(self) -> Mapping[str, npt.NDArray[Any]]:
+        """Of the eigenspace of `basis`."""
+        return self._loaded.state()
 
     def describe(self, images: Bytes) -> Signatures:
         """Signatures in the eigenspace of `basis`; DataError if there is none."""
@@ -127,12 +138,33 @@ class Eigenspace:
         """In which row of the headings each component lies: a row holds one component of each frequency."""
         return np.array([np.sum(self.frequencies[:i] == f) for i, f in enumerate(self.frequencies)])
 
+    def state(self) -> Mapping[str, npt.NDArray[Any]]:
+        """All that was learnt, and the settings it depends on."""
+        arrays = {name: getattr(self, name) for name in LEARNT}
+        return arrays | {name: np.array(getattr(self.settings, name)) for name in SETTINGS}
+
+    @classmethod
+    def of(cls, state: Mapping[str, npt.NDArray[Any]], settings: RotationalPca, origin: str) -> Eigenspace:
+        """The eigenspace whose state it was; DataError, naming the origin, unless it was fitted with such settings."""
+        try:
+            found = {name: state[name] for name in LEARNT}
+            fitted = {name: state[name].item() for name in SETTINGS}
+        except (KeyError, ValueError) as error:
+            raise DataError(f"{origin} holds no eigenspace ({error}); write one with Eigenspace.save") from None
+        for name, value in fitted.items():
+            if getattr(settings, name) != value:
+                raise ConfigError(
+                    f"{origin} was fitted with {name}={value}, not {getattr(settings, name)}; give descriptor.{name}={value}"
+                )
+        count, size = found["vectors"].shape if found["vectors"].ndim == 2 else (0, 0)
+        shapes = {"mean": (size,), "frequencies": (count,), "singular": (count,)}
+        if count == 0 or any(found[name].shape != shape for name, shape in shapes.items()):
+            raise DataError(f"{origin} holds arrays that do not fit together; write it anew with Eigenspace.save")
+        return cls(settings, **found)
+
     def save(self, path: Path) -> None:
         """Write the eigenspace as a NumPy archive."""
-        np.savez(
-            path, mean=self.mean, vectors=self.vectors, frequencies=self.frequencies, singular=self.singular,
-            rotations=self.settings.rotations, rows=self.settings.rows, color=self.settings.color,
-        )  # fmt: skip
+        np.savez(path, allow_pickle=False, **self.state())
 
     @classmethod
     def load(cls, path: Path, settings: RotationalPca) -> Eigenspace:
@@ -141,17 +173,7 @@ class Eigenspace:
             if path.stat().st_size > LARGEST_FILE:
                 raise DataError(f"{path} is larger than {LARGEST_FILE >> 30} GiB; that is no eigenspace of ours")
             with np.load(path, allow_pickle=False) as saved:
-                found = {name: saved[name] for name in ("mean", "vectors", "frequencies", "singular")}
-                fitted = {name: saved[name].item() for name in ("rotations", "rows", "color")}
-        except (OSError, ValueError, KeyError, EOFError) as error:
+                state = dict(saved)
+        except (OSError, ValueError, EOFError) as error:
             raise DataError(f"{path} holds no eigenspace ({error}); write one with Eigenspace.save") from None
-        for name, value in fitted.items():
-            if getattr(settings, name) != value:
-                raise ConfigError(
-                    f"{path} was fitted with {name}={value}, not {getattr(settings, name)}; give descriptor.{name}={value}"
-                )
-        count, size = found["vectors"].shape if found["vectors"].ndim == 2 else (0, 0)
-        shapes = {"mean": (size,), "frequencies": (count,), "singular": (count,)}
-        if count == 0 or any(found[name].shape != shape for name, shape in shapes.items()):
-            raise DataError(f"{path} holds arrays that do not fit together; write it anew with Eigenspace.save")
-        return cls(settings, **found)
+        return cls.of(state, settings, str(path))

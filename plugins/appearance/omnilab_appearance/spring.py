@@ -52,9 +52,8 @@ class Spring(LocalMap):
         unit = np.where(mean > 0, mean, 1.0)[:, None, None]
         lengths = lengths / unit
         start = np.tile(rng.uniform(-1, 1, (self.starts, 2, n)), (sets, 1, 1))
-        every = np.repeat(np.arange(sets), self.starts)
         none = np.empty((0, len(start)), np.int64)
-        position, energy, iterations, step_s, _ = self._settle(lengths[every], weights[every], start, none)
+        position, energy, iterations, step_s, _ = self._settle(lengths, weights, start, none)
         self._report(iterations, step_s)
         best = energy.reshape(sets, -1).argmin(axis=1) + np.arange(sets) * self.starts
         taken = np.where(iterations[best] < 0, self.iterations, iterations[best])

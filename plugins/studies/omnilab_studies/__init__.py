@@ -1,22 +1,44 @@
 """The studies: code that drives components and measures."""
 
 from omnilab.hooks import Register, hookimpl
+from omnilab_studies.changes import Changes
 from omnilab_studies.cost import Cost
 from omnilab_studies.grid import Grid
 from omnilab_studies.linearity import Linearity
 from omnilab_studies.local_map import LocalMap
+from omnilab_studies.localize import Localize
+from omnilab_studies.make_map import MakeMap
 from omnilab_studies.render import Render
 from omnilab_studies.resolution import Resolution
 from omnilab_studies.robustness import Robustness
+from omnilab_studies.steps import Steps
 from omnilab_studies.topological_map import TopologicalMap
 from omnilab_studies.views import Views
 
-__all__ = ["Cost", "Grid", "Linearity", "LocalMap", "Render", "Resolution", "Robustness", "TopologicalMap", "Views"]
+__all__ = [
+    "Changes",
+    "Cost",
+    "Grid",
+    "Linearity",
+    "LocalMap",
+    "Localize",
+    "MakeMap",
+    "Render",
+    "Resolution",
+    "Robustness",
+    "Steps",
+    "TopologicalMap",
+    "Views",
+]
 
 
 @hookimpl
 def register_studies(register: Register) -> None:
     register("grid", Grid)
+    register("map", MakeMap)
+    register("localize", Localize)
+    register("steps", Steps)
+    register("changes", Changes)
     register("views", Views)
     register("render", Render)
     register("linearity", Linearity)

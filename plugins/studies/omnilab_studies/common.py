@@ -16,6 +16,7 @@ from omnilab.api import (
     Frames,
     Image,
     Learner,
+    Learnt,
     Metric,
     Parts,
     Places,
@@ -123,7 +124,8 @@ def describe_places(parts: Parts, plan: Plan, record: Recorder, stage: str = "pl
             poses.append(frames.T_world_camera)
     if signatures is None:
         raise DataError("the sensor delivered no places for the study's layout; give a larger area or a smaller step")
-    return Places(signatures[slice(count)], np.concatenate(poses) if poses else None, keys), omitted
+    learnt = parts.descriptor.state() if isinstance(parts.descriptor, Learnt) else {}
+    return Places(signatures[slice(count)], np.concatenate(poses) if poses else None, keys, learnt), omitted
 
 
 def _empty(like: Signatures, count: int) -> Signatures:

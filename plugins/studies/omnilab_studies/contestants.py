@@ -28,7 +28,8 @@ class Contestant(NamedTuple):
 def contestants(parts: Parts) -> list[Contestant]:
     """Every one of `descriptors` with every one of `distances`, or with its own distance where none are given.
 
-    Without `descriptors` it is the run's one descriptor with its distance.
+    A distance with the name of a descriptor is for that one alone. Without `descriptors` it is the run's one descriptor
+    with its distance.
     """
     if not parts.descriptors:
         if parts.descriptor is None:
@@ -37,14 +38,15 @@ def contestants(parts: Parts) -> list[Contestant]:
                 " +descriptor@descriptors.ANY=NAME"
             )
         return [Contestant("descriptor", "descriptor", parts.descriptor, parts.distance, "distance")]
-    if not parts.distances:
-        own = parts.default_distances
-        return [Contestant(n, n, d, own[n], d.default_distance) for n, d in parts.descriptors.items()]
-    return [
-        Contestant(f"{n} + {m}" if len(parts.distances) > 1 else n, n, descriptor, distance, m)
-        for n, descriptor in parts.descriptors.items()
-        for m, distance in parts.distances.items()
-    ]
+    shared = {m: distance for m, distance in parts.distances.items() if m not in parts.descriptors}
+    found = []
+    for n, descriptor in parts.descriptors.items():
+        if n in parts.distances or not shared:
+            own = parts.distances.get(n, parts.default_distances[n])
+            found.append(Contestant(n, n, descriptor, own, n if n in parts.distances else descriptor.default_distance))
+            continue
+        found += [Contestant(f"{n} + {m}" if len(shared) > 1 else n, n, descriptor, d, m) for m, d in shared.items()]
+    return found
 
 
 def descriptors_of(rivals: Iterable[Contestant]) -> dict[str, Descriptor]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -36,6 +37,33 @@ def success(verdict: npt.NDArray[np.str_]) -> Figure:
     axes.set(ylim=(0, 112), ylabel="queries [%]", title=f"Answered place, {len(verdict)} queries")
     axes.spines[["top", "right"]].set_visible(False)
     return figure
+
+
+def recall(ranks: Ints, precision: Floats, recalled: Floats, place_count: int) -> Figure:
+    """Recall among the first N places, where all were ranked, and precision over recall as answers are accepted."""
+    figure = _figure(8.4, 3.6)
+    among, curve = figure.subplots(1, 2)
+    n = np.unique(np.geomspace(1, max(2, place_count // 4), 40).astype(int))
+    known = ranks[ranks > 0]
+    shares = [100 * float(np.mean(known <= k)) if len(known) else np.nan for k in n]
+    among.plot(n, shares, ".-", color=COLORS["nearest"], markersize=4)
+    among.set(xscale="log", xlabel="N", ylabel="queries [%]", ylim=(0, 103), title="A true place is among the first N")
+    curve.step(100 * recalled, 100 * precision, where="pre", color=COLORS["nearest"])
+    curve.set(
+        xlabel="recall [%]", ylabel="precision [%]", xlim=(0, 103), ylim=(0, 103), title="As answers are accepted"
+    )
+    for axes in (among, curve):
+        axes.grid(alpha=0.25)
+        axes.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def pixels_of(figure: Figure) -> Bytes:
+    """A figure as an RGB picture (H, W, 3), for the logs."""
+    raw = BytesIO()
+    figure.savefig(raw, format="rgba", dpi=figure.dpi)
+    rows, columns = round(figure.bbox.height), round(figure.bbox.width)
+    return np.frombuffer(raw.getvalue(), np.uint8).reshape(rows, columns, 4)[..., :3].copy()
 
 
 def error_map(

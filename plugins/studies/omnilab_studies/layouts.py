@@ -30,8 +30,48 @@ PLACES = ViewLayout(
         (
             Panel("plot", "Position error", ("error/position_m",)),
             Panel("plot", "Heading error", ("error/heading_deg",)),
+            Panel("image", "Recall and precision", ("recall",)),
             Panel("text", "Result", ("summary",)),
         ),
+    ),
+    widths=(3, 2, 2),
+)
+
+STEPS = ViewLayout(
+    columns=(
+        (Panel("map", "The map at each step, and the answers in it", ("room", "places", "camera", "answers")),),
+        (
+            Panel("image", "The last query, a step of the map at a time", ("query/image",)),
+            Panel("image", "Panorama", ("query/panorama",)),
+            Panel("plot", "Rate of nearest answers at each step", ("nearest",)),
+        ),
+        (Panel("text", "Result", ("summary",)), Panel("log", "Log", ("log",))),
+    ),
+    widths=(3, 2, 2),
+)
+
+CONDITIONS = ViewLayout(
+    columns=(
+        (Panel("map", "The map, and the answers in a condition", ("room", "places", "camera", "answers", "estimate")),),
+        (
+            Panel("image", "The first query, a condition a step", ("query/image",)),
+            Panel("image", "Panorama", ("query/panorama",)),
+            Panel("plot", "Rate of nearest answers in each condition", ("nearest",)),
+        ),
+        (Panel("text", "Result", ("summary",)), Panel("log", "Log", ("log",))),
+    ),
+    widths=(3, 2, 2),
+)
+
+MAPPING = ViewLayout(
+    columns=(
+        (Panel("map", "The map", ("room", "places", "camera")),),
+        (
+            Panel("image", "Place", ("query/image",)),
+            Panel("image", "Panorama", ("query/panorama",)),
+            Panel("image", "Signature", ("query/signature",)),
+        ),
+        (Panel("text", "Result", ("summary",)), Panel("log", "Log", ("log",))),
     ),
     widths=(3, 2, 2),
 )

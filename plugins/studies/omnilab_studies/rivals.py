@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from omnilab.api import Descriptor, Estimates, Frames, Parts, Places, Plan, Recorder, Signatures
+from omnilab.metrics import spacing
 from omnilab_studies.common import describe, describe_places, fitted
 from omnilab_studies.contestants import Contestant, contestants, descriptors_of
 from omnilab_studies.scoring import Scored, known_poses, score
@@ -48,6 +49,7 @@ class Rivals:
             own = fitted(replace(parts, descriptor=descriptor), plan, record)
             self._descriptors[name] = own.descriptor
             self._places[name], _ = describe_places(own, plan, record, f"places, {name}")
+        self._step_m = spacing(known_poses(plan.T_world_camera, "places")[:, :3, 3])
         self._maps: dict[str, Any] = {
             c.name: self._localizer.prepare(self._places[c.descriptor_name], c.distance) for c in self.contestants
         }
@@ -68,7 +70,7 @@ class Rivals:
                 with self._record.timed("localise", len(frames)):
                     estimates = self._localizer.locate(signatures, self._maps[contestant.name])
                 self._spend(f"locate {contestant.name}", start, frames)
-                yield Answered(contestant, signatures, estimates, score(frames, estimates, places_m))
+                yield Answered(contestant, signatures, estimates, score(frames, estimates, places_m, self._step_m))
 
     def cost(self, contestant: Contestant) -> Cost:
         """What a contestant cost so far."""

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from omnilab.api import Estimates, Floats, Frames, Ints
 from omnilab.errors import DataError
 from omnilab.geometry import heading_of
-from omnilab.metrics import distances_to, heading_error, ranks, sharpness, verdicts
+from omnilab.metrics import TIE_M, distances_to, first_ranks, heading_error, ranks, sharpness, verdicts
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,9 @@ class Scored:
     distance: Floats  # (Q,) to the answered place
     verdict: npt.NDArray[np.str_]  # (Q,)
     rank: Ints  # (Q,) of the truly nearest place, from 1
+    known: npt.NDArray[np.bool_]  # (Q,) whether a place of the map is within the radius: the query has a true place
+    correct: npt.NDArray[np.bool_]  # (Q,) whether the answered place is
+    true_rank: Ints  # (Q,) of the first place within it
     sharpness: Floats  # (Q,)
 
     @property
@@ -43,15 +46,24 @@ class Scored:
         return np.rad2deg(heading_error(heading_of(self.truth), self.answer_heading_rad))
 
     @property
+    def has_ranks(self) -> bool:
+        """Whether all distances were there to rank the places by."""
+        return bool((self.rank > 0).all())
+
+    @property
     def has_headings(self) -> bool:
         return bool(np.isfinite(self.answer_heading_rad).all())
 
 
-def score(frames: Frames, estimates: Estimates, places_m: Floats) -> Scored:
-    """Hold a localizer's answers against where the frames were taken, on a map of places (P, 3)."""
+def score(frames: Frames, estimates: Estimates, places_m: Floats, radius_m: float) -> Scored:
+    """Hold a localizer's answers against where the frames were taken, on a map of places (P, 3).
+
+    All places within `radius_m` of a query are true ones: what a search for places is judged by.
+    """
     truth = known_poses(frames.T_world_camera, "queries")
     unknown = np.full(len(frames), np.nan)
     to_places = distances_to(truth[:, :3, 3], places_m)
+    true = to_places <= radius_m + TIE_M
     field, heading = estimates.field, estimates.heading_rad
     return Scored(
         plan_index=frames.plan_index,
@@ -63,6 +75,9 @@ def score(frames: Frames, estimates: Estimates, places_m: Floats) -> Scored:
         distance=estimates.distance,
         verdict=verdicts(to_places, estimates.place),
         rank=np.zeros(len(frames), int) if field is None else ranks(to_places, field),
+        known=np.asarray(true.any(axis=1)),
+        correct=true[np.arange(len(frames)), estimates.place],
+        true_rank=np.zeros(len(frames), int) if field is None else first_ranks(field, true),
         sharpness=unknown if field is None else sharpness(field),
     )
 
@@ -96,6 +111,8 @@ def as_table(scored: Scored, keys: Sequence[str]) -> Mapping[str, Sequence[Any]]
         "heading_error_deg": scored.heading_error_deg,
         "verdict": scored.verdict,
         "rank": scored.rank,
+        "has_true_place": scored.known,
+        "true_rank": scored.true_rank,
         "distance": scored.distance,
         "sharpness": scored.sharpness,
     }

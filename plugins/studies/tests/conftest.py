@@ -87,6 +87,9 @@ class Taught(Painted):
         assert len(images) > 1
         return Painted(self.scale)
 
+    def restore(self, state):
+        return Painted(float(state["scale"]))
+
     def describe(self, images):
         raise AssertionError("described before it was fitted")
 

@@ -124,7 +124,7 @@ def test_a_perfect_method_is_perfect():
     assert metrics["queries"] == 60
     assert metrics["left_out"] == 1
     assert metrics["bytes_per_place"] == 12
-    assert set(report.figures) == {"success", "error_map", "distance_surface", "worst"}
+    assert set(report.figures) == {"success", "error_map", "distance_surface", "worst", "recall"}
     assert max(report.tables["queries"]["rank"]) <= 2
 
 

@@ -1,0 +1,135 @@
+"""Saved maps: described places in one file, with what is needed to describe queries in the same way.
+
+A NumPy archive (.npz, uncompressed): `about`, a JSON text with the format's version and the names, versions and settings
+of the components; `keys`, `place`, and where there are such `heading`, `T_world_camera` and `learnt.NAME`. Files may come
+from strangers: nothing in them is unpickled or imported, and nothing is read that is larger than the file.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from omnilab.api import Places, Signatures
+from omnilab.errors import DataError
+
+Array = npt.NDArray[Any]
+FILE = "map.npz"
+FORMAT, VERSION = "omnilab map", 1
+MOST_ABOUT = 1 << 20  # characters
+LEARNT = "learnt."
+
+
+def save_map(path: Path, places: Places, about: Mapping[str, Any]) -> None:
+    """Write places with what is to be known about them; OSError leaves no half file."""
+    text = json.dumps({"format": FORMAT, "version": VERSION, **about})
+    arrays: dict[str, Array] = {"about": np.array(text), "keys": np.array(list(places.keys), dtype=np.str_)}
+    arrays["place"] = places.signatures.place
+    if places.signatures.heading is not None:
+        arrays["heading"] = places.signatures.heading
+    if places.T_world_camera is not None:
+        arrays["T_world_camera"] = places.T_world_camera
+    arrays |= {LEARNT + name: np.asarray(value) for name, value in places.learnt.items()}
+    part = path.with_name(path.name + ".part")
+    try:
+        with part.open("wb") as file:
+            np.savez(file, allow_pickle=False, **arrays)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def map_file(path: Path) -> Path:
+    """The file of a map, which may be named by the folder of the run that made it; DataError if there is none.
+
+    Links are followed now: `latest` will point at the next run.
+    """
+    file = (path / FILE if path.is_dir() else path).resolve()
+    if not file.is_file():
+        raise DataError(f"there is no map {file}; make one: omnilab experiment=map")
+    return file
+
+
+def about_map(path: Path) -> dict[str, Any]:
+    """What a map file says about itself; DataError, with the reason, if it cannot be used."""
+    text = str(_arrays(path, ["about"])["about"])
+    try:
+        about = json.loads(text)
+    except ValueError as error:
+        raise _unusable(path, f"what it says about itself is no JSON: {error}") from error
+    if not isinstance(about, dict) or about.get("format") != FORMAT:
+        raise _unusable(path, f"it does not say that it is an {FORMAT}")
+    if about.get("version") != VERSION:
+        raise _unusable(path, f"it has version {about.get('version')} of the format, and this omnilab reads {VERSION}")
+    for part in ("components", "config"):
+        if not isinstance(about.get(part), dict) or not all(isinstance(v, dict) for v in about[part].values()):
+            raise _unusable(path, f"it names no {part}")
+    return about
+
+
+def load_places(path: Path) -> Places:
+    """The places of a map file; DataError, with the reason, if they are not sound."""
+    about_map(path)
+    arrays = _arrays(path)
+    try:
+        place, keys = arrays["place"], arrays["keys"]
+    except KeyError as error:
+        raise _unusable(path, f"{error} is missing") from None
+    heading, T = arrays.get("heading"), arrays.get("T_world_camera")
+    count = len(place) if place.ndim else 0
+    if count == 0:
+        raise _unusable(path, "it has no places")
+    for name, part, kind, shape in (
+        ("place", place, np.float32, place.shape), ("keys", keys, np.str_, (count,)),
+        ("heading", heading, np.float32, (count, *(heading.shape[1:] if heading is not None else ()))),
+        ("T_world_camera", T, np.float64, (count, 4, 4)),
+    ):  # fmt: skip
+        if part is not None and (part.shape != shape or not np.issubdtype(part.dtype, kind)):
+            raise _unusable(path, f"{name} is {part.dtype} {part.shape}, which does not fit {count} places")
+        if part is not None and kind is not np.str_ and not np.isfinite(part).all():
+            raise _unusable(path, f"{name} holds NaN or infinity")
+    learnt = {name.removeprefix(LEARNT): value for name, value in arrays.items() if name.startswith(LEARNT)}
+    return Places(Signatures(place, heading), T, keys.tolist(), learnt)
+
+
+def _arrays(path: Path, wanted: list[str] | None = None) -> dict[str, Array]:
+    """Arrays of an archive, by name; all of them if none are named."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+            missing = [name for name in wanted or [] if name not in members]
+            if missing:
+                raise _unusable(path, f"it has no {missing[0]}")
+            return {name: _array(path, archive, members[name]) for name in wanted or members}
+    except (zipfile.BadZipFile, EOFError, ValueError, NotImplementedError) as error:
+        raise _unusable(path, str(error) or type(error).__name__) from error
+    except OSError as error:
+        raise DataError(f"the map {path} cannot be read ({error.strerror}); mend that, or give another") from error
+
+
+def _array(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> Array:
+    """One array, after a look at the size that its header claims."""
+    name = member.filename.removesuffix(".npy")
+    if member.compress_type != zipfile.ZIP_STORED or member.file_size > path.stat().st_size:
+        raise _unusable(path, f"{name} is compressed, or larger than the file")
+    with archive.open(member) as file:
+        if np.lib.format.read_magic(file) != (1, 0):
+            raise _unusable(path, f"{name} is no array of NumPy's format 1.0")
+        shape, _, kind = np.lib.format.read_array_header_1_0(file)
+        size = int(np.prod(shape, dtype=object)) * kind.itemsize
+        if kind.hasobject or size != member.file_size - file.tell():
+            raise _unusable(path, f"{name} claims {size} bytes and has {member.file_size - file.tell()}")
+        if name == "about" and size > 4 * MOST_ABOUT:
+            raise _unusable(path, f"{name} is longer than {MOST_ABOUT} characters")
+    with archive.open(member) as file:
+        return np.asarray(np.lib.format.read_array(file, allow_pickle=False))
+
+
+def _unusable(path: Path, reason: str) -> DataError:
+    return DataError(f"{path} is not a map that can be used ({reason}); make one: omnilab experiment=map")
