@@ -120,7 +120,7 @@ class LocalMap:
         for sentence in [*attempts.misfits.values(), *omitted]:
             record.log("log", Text(f"left out: {sentence}"))
         tables = {"local_maps": table_of(trials), "errors": errors_of(trials), "times": times_of(trials)}
-        return Report(metrics_of(trials, len(omitted)), tables, figures.local_maps(trials, maps))
+        return Report(metrics_of(trials, len(omitted), rng), tables, figures.local_maps(trials, maps))
 
     def _grid(self, parts: Parts, step_m: float) -> Plan:
         """The places of a step; said early if they are too few."""

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from omnilab.api import Arrangement, Floats, Ints, Metric
 from omnilab.geometry import procrustes, spanned
+from omnilab.metrics import bootstrap
 from omnilab_studies import charts
 
 Table = Mapping[str, Sequence[Any]]
@@ -133,20 +134,30 @@ def first_of(trials: Sequence[Trial]) -> list[Trial]:
     return sorted(chosen, key=lambda t: t.median_m)
 
 
-def metrics_of(trials: Sequence[Trial], left_out: int) -> list[Metric]:
-    """The best of the first step and number of neighbours, and the median error of each one there."""
+def metrics_of(trials: Sequence[Trial], left_out: int, rng: np.random.Generator) -> list[Metric]:
+    """The best of the first step and number of neighbours, and the median error of each one there.
+
+    Intervals are of other queries: all starts of a query are drawn together.
+    """
     ranking = first_of(trials)
     best = ranking[0]
+    better = best.error_m < best.centroid_m[:, None]
     return [
-        Metric("best_error_median", best.median_m, "m"),
-        Metric("centroid_error_median", float(np.median(best.centroid_m)), "m"),
-        Metric("best_better_than_centroid", best.better, "1"),
-        *(Metric(f"error_median_{key_of(t.case)}", t.median_m, "m") for t in ranking),
+        _metric("best_error_median", best.error_m, np.median, "m", rng),
+        _metric("centroid_error_median", best.centroid_m, np.median, "m", rng),
+        _metric("best_better_than_centroid", better, np.mean, "1", rng),
+        *(_metric(f"error_median_{key_of(t.case)}", t.error_m, np.median, "m", rng) for t in ranking),
         Metric("trials", len(trials), "1"),
         Metric("queries", len(best.error_m), "1"),
         Metric("starts", best.error_m.shape[1], "1"),
         Metric("left_out", left_out, "1"),
     ]
+
+
+def _metric(name: str, values: Any, statistic: Any, unit: str, rng: np.random.Generator) -> Metric:
+    """A statistic of values (Q, ...), with its interval."""
+    interval = bootstrap(lambda chosen: float(statistic(values[chosen])), len(values), rng)
+    return Metric(name, float(statistic(values)), unit, interval)
 
 
 def key_of(case: Case) -> str:

@@ -86,6 +86,7 @@ def test_metres_make_exact_maps(parts):
     assert min(table["better_than_centroid"]) > 0.8
     names = [metric.name for metric in report.metrics[:3]]
     assert names == ["best_error_median", "centroid_error_median", "best_better_than_centroid"]
+    assert all(metric.interval[0] <= metric.value <= metric.interval[1] for metric in report.metrics[:3])
     assert set(report.figures) == {"errors_scaling", "times", "maps"}
 
 
