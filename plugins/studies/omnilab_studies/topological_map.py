@@ -161,7 +161,7 @@ class _Atlas:
             try:
                 pairs = self._pairs(rival, images, links)
             except DataError as reason:
-                self.misfits.append(f"{rival.name}, {step_m:g} m, {links} links: {reason}")
+                self.misfits.append(f"{rival.name}, {step_m:g} m, links {links}: {reason}")
                 continue
             for name, maker in self._makers.items():
                 start = time.perf_counter()

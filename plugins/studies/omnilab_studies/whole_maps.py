@@ -95,7 +95,7 @@ def geodesic(length: Floats, links: int) -> Floats:
     for k in range(len(length)):  # Floyd and Warshall
         np.minimum(paths, paths[:, k, None] + paths[k], out=paths)
     if not np.isfinite(paths).all():
-        raise DataError(f"{links} links leave the images in parts; give more in study.links")
+        raise DataError("so few links leave the images in parts; give more in study.links")
     return paths
 
 

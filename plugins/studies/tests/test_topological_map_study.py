@@ -163,7 +163,7 @@ def test_turned_cameras_need_a_distance_that_looks_for_turns(parts, plain):
 
 def test_links_that_leave_parts_are_said(parts, plain):
     wall = [[x, y] for x in (1.5, 2.0, 2.5) for y in 0.5 * np.arange(7)]
-    with pytest.raises(DataError, match=r"not one map .* 2 links leave the images in parts"):
+    with pytest.raises(DataError, match=r"not one map .* links 2: so few links leave the images in parts"):
         run(replace(parts, sensor=plain["Floor"](blocked=wall)), nodes=[9, 7], links=[2])
 
 
