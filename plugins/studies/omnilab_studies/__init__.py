@@ -6,12 +6,14 @@ from omnilab_studies.cost import Cost
 from omnilab_studies.grid import Grid
 from omnilab_studies.large_map import LargeMap
 from omnilab_studies.linearity import Linearity
+from omnilab_studies.local_map import LocalMap
 from omnilab_studies.localize import Localize
 from omnilab_studies.make_map import MakeMap
 from omnilab_studies.render import Render
 from omnilab_studies.resolution import Resolution
 from omnilab_studies.robustness import Robustness
 from omnilab_studies.steps import Steps
+from omnilab_studies.topological_map import TopologicalMap
 from omnilab_studies.views import Views
 
 __all__ = [
@@ -20,12 +22,14 @@ __all__ = [
     "Grid",
     "LargeMap",
     "Linearity",
+    "LocalMap",
     "Localize",
     "MakeMap",
     "Render",
     "Resolution",
     "Robustness",
     "Steps",
+    "TopologicalMap",
     "Views",
 ]
 
@@ -41,6 +45,8 @@ def register_studies(register: Register) -> None:
     register("render", Render)
     register("linearity", Linearity)
     register("cost", Cost)
+    register("local_map", LocalMap)
+    register("topological_map", TopologicalMap)
     register("robustness", Robustness)
     register("resolution", Resolution)
     register("large_map", LargeMap)

@@ -87,18 +87,25 @@ def joined_signatures(batches: Sequence[Signatures]) -> Signatures:
     )
 
 
-def prepared(rival: Contestant, signatures: Signatures) -> Any:
-    """The distance's index of signatures; DataError, with the reason, if the two do not go together."""
+def prepared(rival: Contestant, signatures: Signatures, turning: bool = False) -> Any:
+    """The distance's index of signatures; DataError, with the reason, if the two do not go together.
+
+    `turning`: the images have different headings, which a distance must look for where turns shift the signatures.
+    """
     index = rival.distance.prepare(signatures)
     if rival.descriptor.turned == "same" and _looks_for_turns(rival.distance, signatures):
         raise DataError("the distance looks for turns along the last axis, which a turn of the camera does not shift")
+    if turning and rival.descriptor.turned == "shifts" and not _looks_for_turns(rival.distance, signatures, 0.25):
+        raise DataError(
+            "the camera turns between images, which shifts the signatures, and the distance does not look for it"
+        )
     return index
 
 
-def _looks_for_turns(distance: Distance, signatures: Signatures) -> bool:
-    """Whether signatures stay where they are, to this distance, when their last axes are shifted by a quarter."""
+def _looks_for_turns(distance: Distance, signatures: Signatures, share: float = 1e-3) -> bool:
+    """Whether signatures stay within a share of the median distance when their last axes are shifted by a quarter."""
     some = signatures[np.unique(np.linspace(0, len(signatures) - 1, PROBES).astype(int))]
     shifted = np.roll(some.place, max(1, some.place.shape[-1] // 4), axis=-1)
     moved = [not np.allclose(*pair) for pair in zip(shifted, some.place, strict=True)]
     found = distance.match(Signatures(shifted, some.heading), distance.prepare(some)).distance
-    return any(moved) and bool((found.diagonal()[moved] < 1e-3 * np.median(found)).all())
+    return any(moved) and bool((found.diagonal()[moved] < share * np.median(found)).all())

@@ -128,6 +128,39 @@ GROWTH = ViewLayout(
     widths=(2, 2, 2),
 )
 
+LOCAL_MAPS = ViewLayout(
+    columns=(
+        (
+            Panel(
+                "map",
+                "The local map settles over the truth (blue: compressed springs, red: stretched)",
+                ("truth", "map"),
+            ),
+            Panel("map", "Places and query", ("room", "places", "camera")),
+        ),
+        (Panel("image", "Query", ("query/image",)), Panel("image", "Panorama", ("query/panorama",))),
+        (
+            Panel("plot", "Error of each query, map and centroid (steps are queries)", ("error/map", "error/centroid")),
+            Panel("text", "Result", ("summary",)),
+            Panel("log", "Log", ("log",)),
+        ),
+    ),
+    widths=(3, 2, 3),
+)
+
+TOPOLOGICAL_MAPS = ViewLayout(
+    columns=(
+        (Panel("map", "Each map settles over the truth (blue: compressed springs, red: stretched)", ("truth", "map")),),
+        (
+            Panel("map", "Where the images are taken", ("room", "truth", "camera")),
+            Panel("image", "Image", ("query/image",)),
+            Panel("image", "Panorama", ("query/panorama",)),
+        ),
+        (Panel("text", "Result", ("summary",)), Panel("log", "Maps", ("log",))),
+    ),
+    widths=(3, 2, 2),
+)
+
 
 def comparison(curves: Sequence[str] = ()) -> ViewLayout:
     """Images on the left, then a panel for each of the named curves in up to two columns, then the result."""

@@ -1,4 +1,4 @@
-"""A small square map and queries in it, free of furniture."""
+"""Parts of a grid that furniture leaves free, and queries in them."""
 
 from __future__ import annotations
 
@@ -45,6 +45,22 @@ def _corners(nodes: Ints, side: int) -> Ints:
     squares = np.lib.stride_tricks.sliding_window_view(index, (side, side)).transpose(0, 1, 3, 2)
     flat = squares.reshape(-1, side * side)
     return np.asarray(flat[(flat >= 0).all(axis=1)])
+
+
+def window(position_m: Floats, step_m: float, nodes: Sequence[int], center_m: Sequence[float]) -> Ints:
+    """Which of a grid's nodes (P, 2) lie in the window of at most `nodes` (x, y) that has the fewest gaps.
+
+    Of several windows it is the one whose middle is nearest to `center_m`.
+    """
+    cells = np.rint((position_m - position_m.min(axis=0)) / step_m).astype(int)
+    free = np.zeros(cells.max(axis=0) + 1, int)
+    free[tuple(cells.T)] = 1
+    size = np.minimum(nodes, free.shape)
+    counts = np.lib.stride_tricks.sliding_window_view(free, tuple(size)).sum(axis=(2, 3))
+    corners = np.argwhere(counts == counts.max())
+    middles = position_m.min(axis=0) + (corners + (size - 1) / 2) * step_m
+    corner = corners[np.linalg.norm(middles - np.asarray(center_m), axis=1).argmin()]
+    return np.flatnonzero(((cells >= corner) & (cells < corner + size)).all(axis=1))
 
 
 def positions_within(places: Plan, count: int, rng: np.random.Generator) -> Floats:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from omnilab.api import Circle, Frames, GridPoses, Match, PathPoses, Plan, RandomPoses, Signatures
+from omnilab.api import Arrangement, Circle, Frames, GridPoses, Match, PathPoses, Plan, RandomPoses, Signatures
 from omnilab.errors import DataError
 from omnilab.geometry import heading_of, planar_poses
 from omnilab.projection import ImageCircle
@@ -125,7 +125,37 @@ class Picky(Apart):
         raise DataError("signatures of shape (4,) have no two axes")
 
 
+@dataclass
+class Scaling:
+    """Classical scaling (Torgerson, 1952), and the states on the way from nothing to there."""
+
+    asked: list[Any] = field(default_factory=list)  # how many maps were made at a time
+
+    def prepare(self, places, distance):
+        raise AssertionError("a study of maps asks for maps")
+
+    def locate(self, queries, index):
+        raise AssertionError("a study of maps asks for maps")
+
+    def arrange(self, distance, rng, steps=0):
+        self.asked.append(len(distance))
+        center = np.eye(distance.shape[1]) - 1 / distance.shape[1]
+        value, axis = np.linalg.eigh(-0.5 * center @ distance**2 @ center)
+        position = axis[..., -2:] * np.sqrt(np.maximum(value[:, None, -2:], 0))
+        states = np.linspace(0, 1, steps)[:, None, None, None] * position if steps else None
+        return Arrangement(position, np.zeros(len(distance)), np.ones(len(distance), int), states)
+
+
+@dataclass
+class Shaken(Scaling):
+    """The same, but every point is moved by what the start draws."""
+
+    def arrange(self, distance, rng, steps=0):
+        made = super().arrange(distance, rng, steps)
+        return replace(made, position=made.position + 5 * rng.standard_normal((distance.shape[1], 2)))
+
+
 @pytest.fixture
 def plain():
     """The classes above, by name."""
-    return {c.__name__: c for c in (Floor, Painted, Shifting, Blind, Taught, Apart, Turning, Picky)}
+    return {c.__name__: c for c in (Floor, Painted, Shifting, Blind, Taught, Apart, Turning, Picky, Scaling, Shaken)}
