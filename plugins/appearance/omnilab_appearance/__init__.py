@@ -9,7 +9,9 @@ from omnilab_appearance.features import Features, FeaturesTurned
 from omnilab_appearance.filter import Filter
 from omnilab_appearance.fourier_signature import FourierSignature
 from omnilab_appearance.gist import Gist
+from omnilab_appearance.hierarchical import Hierarchical
 from omnilab_appearance.hog import Hog
+from omnilab_appearance.interpolated import Interpolated
 from omnilab_appearance.light import Light
 from omnilab_appearance.log import Log
 from omnilab_appearance.nearest import Nearest
@@ -47,7 +49,9 @@ __all__ = [
     "FourierSignature",
     "GaussianNoise",
     "Gist",
+    "Hierarchical",
     "Hog",
+    "Interpolated",
     "Light",
     "ListingNoise",
     "Log",
@@ -127,3 +131,5 @@ def register_localizers(register: Register) -> None:
     register("filter", Filter)
     register("spring", Spring)
     register("smacof", Smacof)
+    register("interpolated", Interpolated)
+    register("hierarchical", Hierarchical)

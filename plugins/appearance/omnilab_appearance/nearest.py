@@ -18,10 +18,7 @@ class Nearest:
 
     def prepare(self, places: Places, distance: Distance) -> tuple[Places, Distance, Any]:
         """The map, the distance, and what the distance keeps of the map."""
-        if len(places) == 0:
-            raise DataError("the map has no places, so nothing can be localised; give a layout with places")
-        if places.T_world_camera is None:
-            raise DataError("the places have no positions; localizer=nearest needs a map with positions")
+        check_map(places, "nearest")
         return places, distance, distance.prepare(places.signatures)
 
     def locate(self, queries: Signatures, index: tuple[Places, Distance, Any]) -> Estimates:
@@ -36,3 +33,11 @@ class Nearest:
         if match.rotation_rad is not None:
             heading = wrap_angle(heading_of(poses) + match.rotation_rad[every, best])
         return Estimates(best, match.distance[every, best], poses[:, :3, 3], heading, match.distance)
+
+
+def check_map(places: Places, localizer: str) -> None:
+    """DataError unless there are places, and positions of them."""
+    if len(places) == 0:
+        raise DataError("the map has no places, so nothing can be localised; give a layout with places")
+    if places.T_world_camera is None:
+        raise DataError(f"the places have no positions; localizer={localizer} needs a map with positions")

@@ -4,6 +4,7 @@ from omnilab.hooks import Register, hookimpl
 from omnilab_studies.changes import Changes
 from omnilab_studies.cost import Cost
 from omnilab_studies.grid import Grid
+from omnilab_studies.large_map import LargeMap
 from omnilab_studies.linearity import Linearity
 from omnilab_studies.local_map import LocalMap
 from omnilab_studies.localize import Localize
@@ -19,6 +20,7 @@ __all__ = [
     "Changes",
     "Cost",
     "Grid",
+    "LargeMap",
     "Linearity",
     "LocalMap",
     "Localize",
@@ -47,3 +49,4 @@ def register_studies(register: Register) -> None:
     register("topological_map", TopologicalMap)
     register("robustness", Robustness)
     register("resolution", Resolution)
+    register("large_map", LargeMap)

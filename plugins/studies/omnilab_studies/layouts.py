@@ -143,6 +143,24 @@ TOPOLOGICAL_MAPS = ViewLayout(
     widths=(3, 2, 2),
 )
 
+GROWTH = ViewLayout(
+    columns=(
+        (
+            Panel("map", "Places and queries (green: the exhaustive answer)", ("room", "places", "camera", "answers")),
+            Panel("image", "The first query", ("query/image",)),
+            Panel("image", "Its signature", ("query/signature",)),
+        ),
+        (
+            Panel("plot", "ms a query, a map a step", ("time",)),
+            Panel("plot", "Signatures compared with a query", ("compared",)),
+            Panel("plot", "MB of the prepared map", ("memory",)),
+            Panel("plot", "Agreement with exhaustive search", ("agreement",)),
+        ),
+        (Panel("text", "Result", ("summary",)),),
+    ),
+    widths=(2, 2, 2),
+)
+
 
 def comparison(curves: Sequence[str] = ()) -> ViewLayout:
     """Images on the left, then a panel for each of the named curves in up to two columns, then the result."""
