@@ -110,24 +110,6 @@ SIZES = ViewLayout(
     widths=(2, 2, 2),
 )
 
-GROWTH = ViewLayout(
-    columns=(
-        (
-            Panel("map", "Places and queries (green: the exhaustive answer)", ("room", "places", "camera", "answers")),
-            Panel("image", "The first query", ("query/image",)),
-            Panel("image", "Its signature", ("query/signature",)),
-        ),
-        (
-            Panel("plot", "ms a query, a map a step", ("time",)),
-            Panel("plot", "Signatures compared with a query", ("compared",)),
-            Panel("plot", "MB of the prepared map", ("memory",)),
-            Panel("plot", "Agreement with exhaustive search", ("agreement",)),
-        ),
-        (Panel("text", "Result", ("summary",)),),
-    ),
-    widths=(2, 2, 2),
-)
-
 LOCAL_MAPS = ViewLayout(
     columns=(
         (
@@ -159,6 +141,24 @@ TOPOLOGICAL_MAPS = ViewLayout(
         (Panel("text", "Result", ("summary",)), Panel("log", "Maps", ("log",))),
     ),
     widths=(3, 2, 2),
+)
+
+GROWTH = ViewLayout(
+    columns=(
+        (
+            Panel("map", "Places and queries (green: the exhaustive answer)", ("room", "places", "camera", "answers")),
+            Panel("image", "The first query", ("query/image",)),
+            Panel("image", "Its signature", ("query/signature",)),
+        ),
+        (
+            Panel("plot", "ms a query, a map a step", ("time",)),
+            Panel("plot", "Signatures compared with a query", ("compared",)),
+            Panel("plot", "MB of the prepared map", ("memory",)),
+            Panel("plot", "Agreement with exhaustive search", ("agreement",)),
+        ),
+        (Panel("text", "Result", ("summary",)),),
+    ),
+    widths=(2, 2, 2),
 )
 
 
