@@ -92,13 +92,14 @@ def classical_scaling(lengths: Floats, rng: np.random.Generator) -> Floats:
 
 def _filled(lengths: Floats, counts: npt.NDArray[np.bool_]) -> Floats:
     """Lengths with the shortest path in place of those that do not count, twice the longest where there is none."""
-    from scipy.sparse.csgraph import shortest_path
+    from scipy.sparse.csgraph import csgraph_from_dense, shortest_path
 
     full = lengths.copy()
     pairs = lengths.shape[1] * (lengths.shape[1] - 1)
     for b in np.flatnonzero(counts.sum(axis=(1, 2)) < pairs):
         longest = lengths[b].max()
-        edges = np.where(counts[b], np.maximum(lengths[b], 1e-12 * longest), np.inf)  # scipy takes 0 for no edge
+        # images may be repeated: a length of 0 is an edge
+        edges = csgraph_from_dense(np.where(counts[b], lengths[b], np.inf), null_value=np.inf)
         paths = shortest_path(edges, directed=False)
         full[b] = np.where(np.isfinite(paths), paths, 2 * longest)
     return full

@@ -363,3 +363,12 @@ def test_maps_too_small_or_without_positions_are_refused(maker):
 @pytest.fixture(autouse=True)
 def _warnings_are_kept(caplog):
     caplog.set_level(logging.WARNING, "omnilab")
+
+
+def test_repeated_images_are_as_far_from_the_others_as_one_another():
+    """A length of 0 joins two points: paths to a third lead over it."""
+    from omnilab_appearance.smacof import _filled
+
+    lengths = np.array([[[0.0, 0, 0], [0, 0, 3], [0, 3, 0]]])
+    counts = np.array([[[False, True, False], [True, False, True], [False, True, False]]])
+    assert _filled(lengths, counts)[0, 0, 2] == 3.0

@@ -12,6 +12,7 @@ from omnilab_studies.make_map import MakeMap
 from omnilab_studies.render import Render
 from omnilab_studies.resolution import Resolution
 from omnilab_studies.robustness import Robustness
+from omnilab_studies.room import Room
 from omnilab_studies.steps import Steps
 from omnilab_studies.topological_map import TopologicalMap
 from omnilab_studies.views import Views
@@ -28,6 +29,7 @@ __all__ = [
     "Render",
     "Resolution",
     "Robustness",
+    "Room",
     "Steps",
     "TopologicalMap",
     "Views",
@@ -46,6 +48,7 @@ def register_studies(register: Register) -> None:
     register("linearity", Linearity)
     register("cost", Cost)
     register("local_map", LocalMap)
+    register("room", Room)
     register("topological_map", TopologicalMap)
     register("robustness", Robustness)
     register("resolution", Resolution)

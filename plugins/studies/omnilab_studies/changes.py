@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -25,7 +25,7 @@ from omnilab.api import (
     Text,
     Tick,
 )
-from omnilab.errors import ConfigError, did_you_mean
+from omnilab.errors import ConfigError
 from omnilab.metrics import VERDICTS, bootstrap
 from omnilab_studies import changes_figures as figures
 from omnilab_studies.asking import estimate_of
@@ -36,7 +36,7 @@ from omnilab_studies.layouts import CONDITIONS
 from omnilab_studies.outcome import columns_of, key_of
 from omnilab_studies.rivals import Rivals
 from omnilab_studies.scoring import Scored, joined, known_poses
-from omnilab_studies.sources import Source
+from omnilab_studies.sources import Source, changed
 
 UNCHANGED = "unchanged"
 CONDITION_NS = 100_000_000  # between two conditions, in the logs
@@ -107,7 +107,9 @@ class Changes:
     def _sensors(self, sensor: Sensor) -> dict[str, Sensor]:
         """One for each condition; the first as it is, where random poses can be asked of it."""
         unchanged = {UNCHANGED: sensor} if self.queries is Source.random else {}
-        return unchanged | {name: _changed(sensor, name, to) for name, to in self.conditions.items()}
+        return unchanged | {
+            name: changed(sensor, f"study.conditions.{name}", to) for name, to in self.conditions.items()
+        }
 
     def _plan(self, sensor: Sensor, seed: int, number: int) -> Plan:
         plan = sensor.plan(self._layout(seed))
@@ -140,23 +142,6 @@ class Changes:
         asked = {name: joined(batches) for name, batches in found.items()}
         _show_answers(record, asked, step)
         return asked, pictures[0], omitted
-
-
-def _changed(sensor: Sensor, condition: str, settings: Mapping[str, Any]) -> Sensor:
-    """A sensor with some of its settings changed."""
-    known = [f.name for f in fields(sensor)]  # type: ignore[arg-type]
-    for name in settings:
-        if name not in known:
-            raise ConfigError(
-                f"study.conditions.{condition} changes '{name}', which is no setting of the sensor; there is"
-                f" {', '.join(known)}{did_you_mean(name, known)}"
-            )
-    try:
-        return replace(sensor, **settings)  # type: ignore[type-var]
-    except TypeError as error:
-        raise ConfigError(
-            f"study.conditions.{condition}={dict(settings)} cannot be set ({error}); correct it"
-        ) from error
 
 
 def _row(contestant: str, condition: str, scored: Scored, rng: np.random.Generator) -> dict[str, Any]:

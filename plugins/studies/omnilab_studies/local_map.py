@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -91,14 +91,14 @@ class LocalMap:
         if scene := parts.sensor.scene():
             record.log("room", scene)
         makers = makers_of(parts)
-        grids = {step_m: self._grid(parts, step_m) for step_m in dict.fromkeys(self.steps_m)}
-        plan = parts.sensor.plan(self._queries(rng))
-        chooser, rivals = _contestants(parts, grids[self.steps_m[0]], record)
+        grids = self._grids(parts)
+        asked, plan = self._queries(parts, grids, rng)
+        chooser, rivals = _contestants(parts, next(iter(grids.values())), record)
         seed, *starts = rng.integers(2**32, size=1 + self.starts)
 
         # the queries: imaged and described once
         shown: list[tuple[Frames, int]] = []
-        frames = keeping(deliver_queries(parts, plan, record, int(seed)), shown, self.show)
+        frames = keeping(deliver_queries(asked, plan, record, int(seed)), shown, self.show)
         queries = described([chooser, *rivals], frames, "queries", record)
 
         # the maps: of every step, by all
@@ -111,7 +111,7 @@ class LocalMap:
             omitted += places.omitted
             lists = short_lists(chooser, places, queries, max(self.neighbours), record)
             attempts.make(step_m, lists, rivals, self.neighbours)
-            if step_m == self.steps_m[0]:
+            if step_m == next(iter(grids)):
                 maps = _show(first_of(attempts.trials)[0], lists, attempts, rivals, shown, record)
 
         # what it amounts to
@@ -122,11 +122,13 @@ class LocalMap:
         tables = {"local_maps": table_of(trials), "errors": errors_of(trials), "times": times_of(trials)}
         return Report(metrics_of(trials, len(omitted), rng), tables, figures.local_maps(trials, maps))
 
-    def _grid(self, parts: Parts, step_m: float) -> Plan:
-        """The places of a step; said early if they are too few."""
-        plan = parts.sensor.plan(grid_poses(step_m, None, self.extent_m, self.height_m))
-        self._check_neighbours(step_m, len(plan))
-        return plan
+    def _grids(self, parts: Parts) -> dict[float, Plan]:
+        """The places of each step; said early if they are too few."""
+        layouts = {step_m: grid_poses(step_m, None, self.extent_m, self.height_m) for step_m in self.steps_m}
+        grids = {step_m: parts.sensor.plan(layout) for step_m, layout in layouts.items()}
+        for step_m, grid in grids.items():
+            self._check_neighbours(step_m, len(grid))
+        return grids
 
     def _check_neighbours(self, step_m: float, places: int) -> None:
         if max(self.neighbours) > places:
@@ -135,9 +137,11 @@ class LocalMap:
                 f" study.neighbours={list(self.neighbours)}; give fewer neighbours, a smaller step or a larger area"
             )
 
-    def _queries(self, rng: np.random.Generator) -> RandomPoses:
+    def _queries(self, parts: Parts, grids: Mapping[float, Plan], rng: np.random.Generator) -> tuple[Parts, Plan]:  # noqa: ARG002
+        """The queries, and the parts that deliver them."""
         extent_m = None if self.extent_m is None else (self.extent_m[0], self.extent_m[1])
-        return RandomPoses(self.query_count, int(rng.integers(2**32)), None, extent_m, self.height_m)
+        layout = RandomPoses(self.query_count, int(rng.integers(2**32)), None, extent_m, self.height_m)
+        return parts, parts.sensor.plan(layout)
 
 
 def _contestants(parts: Parts, grid: Plan, record: Recorder) -> tuple[Contestant, list[Contestant]]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import fields, replace
 from enum import Enum
+from typing import Any
 
 import numpy as np
 
-from omnilab.api import Layout, NamedPath, RandomPoses, RecordedPoses
-from omnilab.errors import ConfigError
+from omnilab.api import Layout, NamedPath, RandomPoses, RecordedPoses, Sensor
+from omnilab.errors import ConfigError, did_you_mean
 
 
 class Source(Enum):
@@ -33,3 +36,18 @@ def layout_without_grid(
         step = None if heading_step_deg is None else float(np.deg2rad(heading_step_deg))
         return RandomPoses(count, seed, step, extent_m, height_m)
     raise ConfigError(f"queries={source.value} would be the places themselves; give random, path or recorded")
+
+
+def changed(sensor: Sensor, where: str, settings: Mapping[str, Any]) -> Sensor:
+    """A sensor with some of its settings changed; ConfigError, naming where they stand, for those it does not have."""
+    known = [f.name for f in fields(sensor)]  # type: ignore[arg-type]
+    for name in settings:
+        if name not in known:
+            raise ConfigError(
+                f"{where} changes '{name}', which is no setting of the sensor; there is"
+                f" {', '.join(known)}{did_you_mean(name, known)}"
+            )
+    try:
+        return replace(sensor, **settings)  # type: ignore[type-var]
+    except TypeError as error:
+        raise ConfigError(f"{where}={dict(settings)} cannot be set ({error}); correct it") from error
