@@ -1,6 +1,7 @@
 """The studies: code that drives components and measures."""
 
 from omnilab.hooks import Register, hookimpl
+from omnilab_studies.altitude import Altitude
 from omnilab_studies.cost import Cost
 from omnilab_studies.grid import Grid
 from omnilab_studies.linearity import Linearity
@@ -9,7 +10,7 @@ from omnilab_studies.resolution import Resolution
 from omnilab_studies.robustness import Robustness
 from omnilab_studies.views import Views
 
-__all__ = ["Cost", "Grid", "Linearity", "Render", "Resolution", "Robustness", "Views"]
+__all__ = ["Altitude", "Cost", "Grid", "Linearity", "Render", "Resolution", "Robustness", "Views"]
 
 
 @hookimpl
@@ -21,3 +22,4 @@ def register_studies(register: Register) -> None:
     register("cost", Cost)
     register("robustness", Robustness)
     register("resolution", Resolution)
+    register("altitude", Altitude)
