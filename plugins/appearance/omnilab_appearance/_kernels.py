@@ -128,17 +128,22 @@ def path_sums(rows, first, second, weights):  # type: ignore[no-untyped-def]
 
 @nb.njit(parallel=True, cache=True, nogil=True, error_model="numpy", fastmath={"nnan", "nsz"})
 def compressed_distances(still, squeezed, count):  # type: ignore[no-untyped-def]
-    """Distances (count,) between the middle of one matrix (N, M) and another, its columns compressed by 2a rows.
+    """Distances (N, count) between the middles of N matrices (N, R, M), or one, and N others or one compressed by 2a rows.
 
     Each row of either is divided by its largest value (0 where that is 0); a = 0, 1, ... (Berenguer, thesis, eq. 5.5-5.9).
     """
-    n, m = still.shape
+    n, m = still.shape[1:]
+    pairs = max(len(still), len(squeezed))
     scaled = np.empty_like(still)
-    for j in range(n):
-        top = still[j].max()
-        scaled[j] = still[j] * (np.float32(1) / top if top > 0 else np.float32(0))
-    out = np.empty(count)
-    for a in nb.prange(count):
+    for j in nb.prange(len(still) * n):
+        row = still[j // n, j % n]
+        top = row.max()
+        scaled[j // n, j % n] = row * (np.float32(1) / top if top > 0 else np.float32(0))
+    out = np.empty((pairs, count))
+    for k in nb.prange(pairs * count):
+        pair, a = k // count, k % count
+        first = scaled[pair if len(still) > 1 else 0]
+        second = squeezed[pair if len(squeezed) > 1 else 0]
         rows = n - 2 * a
         apart = np.zeros(m, np.float32)
         between = np.empty(m, np.float32)
@@ -148,11 +153,11 @@ def compressed_distances(still, squeezed, count):  # type: ignore[no-untyped-def
             share = np.float32(at - low)
             top = np.float32(0)
             for i in range(m):
-                between[i] = squeezed[low, i] + share * (squeezed[low + 1, i] - squeezed[low, i])
+                between[i] = second[low, i] + share * (second[low + 1, i] - second[low, i])
             for i in range(m):
                 top = max(top, between[i])
             scale = np.float32(1) / top if top > 0 else np.float32(0)
             for i in range(m):
-                apart[i] += abs(scaled[j + a, i] - between[i] * scale)
-        out[a] = apart.sum() / (m * rows)
+                apart[i] += abs(first[j + a, i] - between[i] * scale)
+        out[pair, a] = apart.sum() / (m * rows)
     return out

@@ -42,23 +42,21 @@ class RadonCompression:
     def relative(self, references: Bytes, tests: Bytes, camera: Camera) -> Heights:
         """Compressions in samples of the offset axis."""
         check_pairs(references, tests, camera)
-        radon = Radon(self.offsets, self.angles)
-        known, asked = (radon.describe(view_of(images, camera, "mirror", False)) for images in (references, tests))
+        views = view_of(np.concatenate([references, tests]), camera, "mirror", False)
+        both = Radon(self.offsets, self.angles).describe(views)  # at once: a pair takes hardly longer than one
+        known, asked = both[slice(len(references))], both[slice(len(references), None)]
         rotation = _rotations(known, asked)
-        falling, rising = (np.empty((len(tests), int(self.most * self.offsets) + 1)) for _ in range(2))
-        for i, transform in enumerate(asked.place):
-            reference = known.place[i if len(known) > 1 else 0]
-            turned = np.roll(transform, round(rotation[i] * self.angles / (2 * np.pi)), axis=1)
-            falling[i], rising[i] = compressions(reference, turned, falling.shape[1])
+        turns = np.rint(rotation * self.angles / (2 * np.pi)).astype(int)
+        turned = np.stack([np.roll(one, turn, axis=1) for one, turn in zip(asked.place, turns, strict=True)])
+        falling, rising = compressions(known.place, turned, int(self.most * self.offsets) + 1)
         return read_off(falling, rising, rotation)
 
 
 def compressions(reference: Floats, test: Floats, count: int) -> tuple[Floats, Floats]:
-    """Distances (count,) of transforms (N, M) at a = 0, 1, ... with the test compressed, and with the reference."""
+    """Distances (T, count) of tests (T, N, M) from one reference or T, at a = 0, 1, ...: tests compressed, and references."""
     from omnilab_appearance._kernels import compressed_distances
 
-    first, second = (np.ascontiguousarray(transform) for transform in (reference, test))
-    return compressed_distances(first, second, count), compressed_distances(second, first, count)
+    return compressed_distances(reference, test, count), compressed_distances(test, reference, count)
 
 
 def read_off(falling: Floats, rising: Floats, rotation_rad: Floats) -> Heights:

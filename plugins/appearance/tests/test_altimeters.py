@@ -99,10 +99,11 @@ def by_interpolation(still, squeezed, count):
 
 
 def test_compressions_are_those_of_the_printed_equations():
-    first, second = np.random.default_rng(1).uniform(0.1, 1, (2, 41, 24)).astype(np.float32)
-    falling, rising = compressions(first, second, 15)
-    assert np.allclose(falling, by_interpolation(first, second, 15), rtol=1e-5)
-    assert np.allclose(rising, by_interpolation(second, first, 15), rtol=1e-5)
+    first, second, third = np.random.default_rng(1).uniform(0.1, 1, (3, 41, 24)).astype(np.float32)
+    falling, rising = compressions(first[None], np.stack([second, third]), 15)
+    for i, test in enumerate((second, third)):
+        assert np.allclose(falling[i], by_interpolation(first, test, 15), rtol=1e-5)
+        assert np.allclose(rising[i], by_interpolation(test, first, 15), rtol=1e-5)
 
 
 def test_the_case_with_the_smaller_minimum_tells_up_from_down():

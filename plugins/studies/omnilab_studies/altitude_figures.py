@@ -42,9 +42,8 @@ def estimates(found: Altimetry) -> Figure:
             for told in parts:
                 axes.plot(told.height_m, told.value, color="#8b93a1", linewidth=0.7, alpha=0.6)
             heights, mean = _mean(parts)
-            for up, color in ((True, RISING), (False, FALLING)):
-                of = mean >= 0 if up else mean <= 0
-                axes.plot(heights, np.where(of, mean, np.nan), "o-", color=color, markersize=3.5, linewidth=1.6)
+            axes.plot(heights, mean, color="black", linewidth=1.0)
+            axes.scatter(heights, mean, s=14, c=np.where(mean > 0, RISING, FALLING), zorder=3)
             axes.axhline(0, color="black", linewidth=0.6)
             axes.axvline(parts[0].height_m[np.abs(parts[0].rise_m).argmin()], color="black", linewidth=0.6, ls=":")
             axes.set_title(f"{name.replace('_', ' ')}, reference {reference}", fontsize=9)
@@ -125,7 +124,7 @@ def signs(found: Altimetry) -> Figure:
         _plain(axes)
     for axes in grid[len(found.levels) :]:
         axes.set_axis_off()
-    grid[0].legend(fontsize=7, frameon=False, loc="lower right")
+    figure.legend(*grid[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=9, frameon=False)
     figure.supxlabel("|rise| [m]", fontsize=10)
     figure.supylabel("right signs [%]", fontsize=10)
     return figure
@@ -144,9 +143,9 @@ def cost(times: Sequence[Mapping[str, Any]]) -> Figure:
         axes.plot(
             row["estimate_ms"], row["spread"], ls="", markersize=9, label=label, **(style[row["altimeter"]] | filled)
         )
-    axes.set(xscale="log", xlabel="ms an estimate", ylabel="spread of estimate / its largest")
+    axes.set(xlabel="ms an estimate", ylabel="spread of estimate / its largest", xlim=(0, None))
     axes.set_title(f"Time and spread, clear; filled: reference {references[-1]}", fontsize=10)
-    axes.legend(fontsize=8, frameon=False)
+    axes.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1, 0.5))
     _plain(axes)
     return figure
 
