@@ -49,9 +49,10 @@ class FloorAndWalls:
     along the azimuth), and each pair (u, w) is a path through that matrix. The highest mean along a path gives the rise
     and the rotation at once. `curves` has 1 minus it, `least_distance`, for log(1 + u) from -2.6 to 3.2, 0.05 apart.
 
-    The confidence is 1 - (second answer) / (best answer): of answers with one above 0.1, about one in 300 is wrong where
-    three tenths of the image are hidden, and none without. `scale_m` makes metres of heights: that of the reference above
-    the floor; or, if it is not known, one known displacement divided by what was told for it.
+    The confidence is 1 - (second answer) / (best answer). In the two shipped rooms, of answers with one above 0.1 none was
+    off by 15 % in clear images and under 20 % noise, at most one in 250 under 30 %, and one in 60 with three tenths of
+    the image hidden. `scale_m` makes metres of heights: that of the reference above the floor; or, if it is not known,
+    one known displacement divided by what was told for it.
 
     It takes the floor to be level and below both images, and one distance for all walls: over stairs or a table the
     unit is the height above those. It does not know tilted cameras, nor ceilings (rows that see them are best left out

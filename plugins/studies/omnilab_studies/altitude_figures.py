@@ -31,7 +31,7 @@ def all_of(found: Altimetry, times: Sequence[Mapping[str, Any]]) -> dict[str, Fi
 
 
 def estimates(found: Altimetry) -> Figure:
-    """Clear estimates against true heights: a line a column, and the mean (thesis, figure 5.14)."""
+    """Clear estimates against true heights: a line a column, and the median (thesis, figure 5.14)."""
     clear = found.levels[0].title
     names = found.altimeters
     figure = blank(3.6 * len(names), 3.0 * len(found.references))
@@ -41,9 +41,9 @@ def estimates(found: Altimetry) -> Figure:
             parts = found.of(name, clear, reference)
             for told in parts:
                 axes.plot(told.height_m, told.value, color="#8b93a1", linewidth=0.7, alpha=0.6)
-            heights, mean = _mean(parts)
-            axes.plot(heights, mean, color="black", linewidth=1.0)
-            axes.scatter(heights, mean, s=14, c=np.where(mean > 0, RISING, FALLING), zorder=3)
+            heights, middle = _median(parts)
+            axes.plot(heights, middle, color="black", linewidth=1.0)
+            axes.scatter(heights, middle, s=14, c=np.where(middle > 0, RISING, FALLING), zorder=3)
             axes.axhline(0, color="black", linewidth=0.6)
             axes.axvline(parts[0].height_m[np.abs(parts[0].rise_m).argmin()], color="black", linewidth=0.6, ls=":")
             axes.set_title(f"{name.replace('_', ' ')}, reference {reference}", fontsize=9)
@@ -51,7 +51,7 @@ def estimates(found: Altimetry) -> Figure:
             _plain(axes)
     for axes in grid[-1]:
         axes.set_xlabel("height of the test [m]")
-    figure.suptitle("Estimates of every column (grey), and their mean: up (red), down (blue)", fontsize=10)
+    figure.suptitle("Estimates of every column (grey), and their median: up (red), down (blue)", fontsize=10)
     return figure
 
 
@@ -175,9 +175,9 @@ def _shown(found: Altimetry, name: str) -> Told:
     return found.of(name, found.levels[0].title, found.references[-1])[0]
 
 
-def _mean(parts: Sequence[Told]) -> tuple[Any, Any]:
-    """Heights, and the mean over the columns of the values there."""
+def _median(parts: Sequence[Told]) -> tuple[Any, Any]:
+    """Heights, and the median over the columns of the values there."""
     heights, values = (np.concatenate([getattr(t, name) for t in parts]) for name in ("height_m", "value"))
     known = np.isfinite(values)
     at = np.unique(heights[known].round(2))
-    return at, np.array([values[known & (heights.round(2) == height)].mean() for height in at])
+    return at, np.array([np.median(values[known & (heights.round(2) == height)]) for height in at])
