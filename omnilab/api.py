@@ -257,9 +257,10 @@ class Heights:
     """How much higher N tests were taken than their references, as an altimeter tells from the images alone."""
 
     value: Floats  # (N,) in the altimeter's own unit, above 0 where the test is higher; NaN where it cannot tell
+    unit: str  # "m", or what it counts
     confidence: Floats  # (N,) in [0, 1]
     rotation_rad: Floats  # (N,) test heading - reference heading
-    curves: Mapping[str, Floats] = field(default_factory=dict)  # (N, M) by name: what the answer was read off
+    curves: Mapping[str, Floats] = field(default_factory=dict)  # (N, M) by name: distances whose least tells the answer
 
 
 @dataclass(frozen=True)
@@ -574,8 +575,6 @@ class Tracker(Protocol):
 @runtime_checkable
 class Altimeter(Protocol):
     """Tells by how much two images of one column differ in height."""
-
-    unit: ClassVar[str]  # of its heights: "m", or what it counts
 
     def relative(self, references: Bytes, tests: Bytes, camera: Camera) -> Heights:
         """Heights of tests (N, H, W) over references (N, H, W), or over one reference (1, H, W), all of one camera."""

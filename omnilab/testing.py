@@ -208,6 +208,7 @@ def check_altimeter(altimeter: Any) -> None:
     first = altimeter.relative(images[:1], images, camera)
     for name in ("value", "confidence", "rotation_rad"):
         _expect(getattr(first, name).shape == (len(images),), f"{name} has not one number for each of the tests")
+    _expect(first.unit != "", "heights have no unit; say 'm', or what they count")
     known = np.isfinite(first.value)
     _expect(bool((first.confidence[known] >= 0).all() and (first.confidence <= 1).all()), "confidences leave [0, 1]")
     for curve, values in first.curves.items():

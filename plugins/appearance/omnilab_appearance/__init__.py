@@ -1,12 +1,14 @@
-"""Global-appearance descriptors, distances and localizers, and disturbances: all that numpy, scipy, numba and OpenCV can do."""
+"""Global-appearance descriptors, distances, localizers and altimeters, and disturbances: all that numpy, scipy, numba and OpenCV can do."""
 
 from omnilab.hooks import Register, hookimpl
 from omnilab_appearance.blur import Blur
 from omnilab_appearance.color_shift import ColorShift
 from omnilab_appearance.cosine import Cosine
 from omnilab_appearance.euclidean import Euclidean
+from omnilab_appearance.feature_altitude import FeatureAltitude
 from omnilab_appearance.features import Features, FeaturesTurned
 from omnilab_appearance.filter import Filter
+from omnilab_appearance.floor_and_walls import FloorAndWalls
 from omnilab_appearance.fourier_signature import FourierSignature
 from omnilab_appearance.gist import Gist
 from omnilab_appearance.hierarchical import Hierarchical
@@ -23,6 +25,7 @@ from omnilab_appearance.poc import Poc
 from omnilab_appearance.poc_band import PocBand
 from omnilab_appearance.poc_squared import PocSquared
 from omnilab_appearance.radon import Radon
+from omnilab_appearance.radon_compression import RadonCompression
 from omnilab_appearance.radon_gist import RadonGist
 from omnilab_appearance.radon_hog import RadonHog
 from omnilab_appearance.ring import Ring
@@ -43,9 +46,11 @@ __all__ = [
     "ColorShift",
     "Cosine",
     "Euclidean",
+    "FeatureAltitude",
     "Features",
     "FeaturesTurned",
     "Filter",
+    "FloorAndWalls",
     "FourierSignature",
     "GaussianNoise",
     "Gist",
@@ -63,6 +68,7 @@ __all__ = [
     "PocBand",
     "PocSquared",
     "Radon",
+    "RadonCompression",
     "RadonGist",
     "RadonHog",
     "Ring",
@@ -133,3 +139,10 @@ def register_localizers(register: Register) -> None:
     register("smacof", Smacof)
     register("interpolated", Interpolated)
     register("hierarchical", Hierarchical)
+
+
+@hookimpl
+def register_altimeters(register: Register) -> None:
+    register("radon_compression", RadonCompression)
+    register("feature_altitude", FeatureAltitude)
+    register("floor_and_walls", FloorAndWalls)

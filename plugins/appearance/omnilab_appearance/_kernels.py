@@ -99,3 +99,65 @@ def gradient_histograms(pictures, bins):  # type: ignore[no-untyped-def]
                 rows[n, v, k] += strength
                 columns[n, u, k] += strength
     return rows, columns.transpose(0, 2, 1)
+
+
+@nb.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
+def path_sums(rows, first, second, weights):  # type: ignore[no-untyped-def]
+    """Sums (P, S) over paths through a matrix of rows (A, B, S): at (first, second), each (P, n), times weights (P, n).
+
+    Between the rows the four around are interpolated; paths must keep within [0, A - 1] and [0, B - 1].
+    """
+    out = np.zeros((first.shape[0], rows.shape[2]), np.float32)
+    for p in nb.prange(first.shape[0]):
+        total = out[p]
+        for i in range(first.shape[1]):
+            weight = weights[p, i]
+            if weight == 0:
+                continue
+            a, b = min(int(first[p, i]), rows.shape[0] - 2), min(int(second[p, i]), rows.shape[1] - 2)
+            u, v = first[p, i] - a, second[p, i] - b
+            w00 = weight * np.float32((1 - u) * (1 - v))
+            w01 = weight * np.float32((1 - u) * v)
+            w10 = weight * np.float32(u * (1 - v))
+            w11 = weight * np.float32(u * v)
+            p00, p01, p10, p11 = rows[a, b], rows[a, b + 1], rows[a + 1, b], rows[a + 1, b + 1]
+            for s in range(rows.shape[2]):
+                total[s] += w00 * p00[s] + w01 * p01[s] + w10 * p10[s] + w11 * p11[s]
+    return out
+
+
+@nb.njit(parallel=True, cache=True, nogil=True, error_model="numpy", fastmath={"nnan", "nsz"})
+def compressed_distances(still, squeezed, count):  # type: ignore[no-untyped-def]
+    """Distances (N, count) between the middles of N matrices (N, R, M), or one, and N others or one compressed by 2a rows.
+
+    Each row of either is divided by its largest value (0 where that is 0); a = 0, 1, ... (Berenguer, thesis, eq. 5.5-5.9).
+    """
+    n, m = still.shape[1:]
+    pairs = max(len(still), len(squeezed))
+    scaled = np.empty_like(still)
+    for j in nb.prange(len(still) * n):
+        row = still[j // n, j % n]
+        top = row.max()
+        scaled[j // n, j % n] = row * (np.float32(1) / top if top > 0 else np.float32(0))
+    out = np.empty((pairs, count))
+    for k in nb.prange(pairs * count):
+        pair, a = k // count, k % count
+        first = scaled[pair if len(still) > 1 else 0]
+        second = squeezed[pair if len(squeezed) > 1 else 0]
+        rows = n - 2 * a
+        apart = np.zeros(m, np.float32)
+        between = np.empty(m, np.float32)
+        for j in range(rows):
+            at = (j + 1) * n / rows - 1
+            low = min(int(at), n - 2)
+            share = np.float32(at - low)
+            top = np.float32(0)
+            for i in range(m):
+                between[i] = second[low, i] + share * (second[low + 1, i] - second[low, i])
+            for i in range(m):
+                top = max(top, between[i])
+            scale = np.float32(1) / top if top > 0 else np.float32(0)
+            for i in range(m):
+                apart[i] += abs(first[j + a, i] - between[i] * scale)
+        out[pair, a] = apart.sum() / (m * rows)
+    return out

@@ -52,14 +52,14 @@ class Features:
             for start in range(0, len(index.xy), step):
                 chunk = slice(start, start + step)
                 some = LocalFeatures(*(part[chunk] for part in index))
-                matched, partner = self._matches(one, some)
+                matched, partner = self.matches(one, some)
                 xy = np.take_along_axis(some.xy, partner[..., None], axis=1)  # (places, F, 2): the match's end there
                 if self.turned:
                     rotation[q, chunk] = voted(one.xy, xy, matched)
                 distance[q, chunk] = apart(one.xy, xy, matched, rotation[q, chunk])
         return Match(distance, wrap_angle(rotation) if self.turned else None)
 
-    def _matches(self, query: LocalFeatures, places: LocalFeatures) -> tuple[Bools, Ints]:
+    def matches(self, query: LocalFeatures, places: LocalFeatures) -> tuple[Bools, Ints]:
         """Which features of a query are matched in each place (P, F), and with which of the place's (P, F)."""
         cosine = np.einsum("fd,pgd->pfg", query.vectors, places.vectors, optimize=True)
         cosine = np.where(places.there[:, None] > 0, cosine, -1)

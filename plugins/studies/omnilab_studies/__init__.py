@@ -1,6 +1,7 @@
 """The studies: code that drives components and measures."""
 
 from omnilab.hooks import Register, hookimpl
+from omnilab_studies.altitude import Altitude
 from omnilab_studies.changes import Changes
 from omnilab_studies.cost import Cost
 from omnilab_studies.grid import Grid
@@ -18,6 +19,7 @@ from omnilab_studies.topological_map import TopologicalMap
 from omnilab_studies.views import Views
 
 __all__ = [
+    "Altitude",
     "Changes",
     "Cost",
     "Grid",
@@ -53,3 +55,4 @@ def register_studies(register: Register) -> None:
     register("robustness", Robustness)
     register("resolution", Resolution)
     register("large_map", LargeMap)
+    register("altitude", Altitude)

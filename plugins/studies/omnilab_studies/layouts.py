@@ -174,3 +174,18 @@ def comparison(curves: Sequence[str] = ()) -> ViewLayout:
     result = (Panel("text", "Result", ("summary",)), Panel("log", "Log", ("log",)))
     columns = (images, *(tuple(part) for part in (plots[:half], plots[half:]) if part), result)
     return ViewLayout(columns)
+
+
+def rising(altimeters: Sequence[str], described: bool) -> ViewLayout:
+    """A column of images as it rises, what altimeters compare, and the heights they tell."""
+    pictures = [Panel("image", "The image, a height a step", ("query/image",))]
+    if described:
+        pictures.append(Panel("image", "Its transform: the offsets run down", ("query/signature",)))
+    curves = [Panel("image", f"{name}: distances", (f"curves/{name}",)) for name in altimeters]
+    heights = Panel("plot", "Rise over the last reference: estimates, scaled, and truth", ("rise",))
+    columns = (
+        (Panel("map", "The columns", ("room", "places", "camera")), *pictures),
+        (heights, *curves),
+        (Panel("text", "Result", ("summary",)), Panel("log", "Log", ("log",))),
+    )
+    return ViewLayout(columns, widths=(3, 3, 2))

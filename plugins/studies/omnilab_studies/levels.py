@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any, NamedTuple
 
-from omnilab.api import Disturbance
+from omnilab.api import Disturbance, Recorder, Text
 from omnilab.errors import ConfigError, did_you_mean
 
 
@@ -39,3 +39,28 @@ def at_strength(disturbance: Any, name: str, setting: str, value: float) -> Dist
     whole = isinstance(getattr(disturbance, setting), int)
     changed: Disturbance = replace(disturbance, **{setting: int(value) if whole else float(value)})
     return changed
+
+
+def check_levels(levels: Mapping[str, Mapping[str, Sequence[Any]]]) -> None:
+    """ConfigError unless these are one setting with numbers for each disturbance."""
+    for name, settings in levels.items():
+        if len(settings) != 1 or not all(are_numbers(values) for values in settings.values()):
+            raise ConfigError(
+                f"study.levels.{name}={settings} is not one setting with numbers; give {{SETTING: [NUMBER, ...]}}"
+            )
+
+
+def levels_of(
+    levels: Mapping[str, Mapping[str, Sequence[Any]]], disturbances: Mapping[str, Disturbance], record: Recorder
+) -> list[Level]:
+    """Clear, and every level of every disturbance; one without `levels` has its own strength alone."""
+    for name in sorted(levels.keys() - disturbances.keys()):
+        record.log("log", Text(f"study.levels.{name} is not used: the run has no disturbance '{name}'"))
+    found = [Level("clear")]
+    for name, disturbance in disturbances.items():
+        if name not in levels:
+            found.append(Level(name, value="as set", applied={name: disturbance}))
+            continue
+        ((setting, values),) = levels[name].items()
+        found += [Level(name, setting, v, {name: at_strength(disturbance, name, setting, v)}) for v in values]
+    return found

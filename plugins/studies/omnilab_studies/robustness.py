@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from omnilab.api import (
-    Disturbance,
     Estimate,
     Floats,
     Frames,
@@ -27,7 +26,7 @@ from omnilab.geometry import heading_of
 from omnilab_studies import robustness_figures as figures
 from omnilab_studies.common import deliver, disturbed, show_picture
 from omnilab_studies.layouts import LEVELS
-from omnilab_studies.levels import Level, are_numbers, at_strength
+from omnilab_studies.levels import Level, check_levels, levels_of
 from omnilab_studies.outcome import Outcome, columns_of, key_of, markdown_of, metrics_of, summary_of
 from omnilab_studies.rivals import Answered, Cost, Rivals
 from omnilab_studies.square import check_square, free_square, headed, positions_within
@@ -63,18 +62,14 @@ class Robustness:
             raise ConfigError(
                 f"study.heading_steps={self.heading_steps} are no headings; give 1 or more, or null for any"
             )
-        for name, settings in self.levels.items():
-            if len(settings) != 1 or not all(are_numbers(values) for values in settings.values()):
-                raise ConfigError(
-                    f"study.levels.{name}={settings} is not one setting with numbers; give {{SETTING: [NUMBER, ...]}}"
-                )
+        check_levels(self.levels)
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Map, spoil, localise, score."""
         record.log("", LEVELS)
         if scene := parts.sensor.scene():
             record.log("room", scene)
-        levels = self._levels(parts.disturbances, record)
+        levels = levels_of(self.levels, parts.disturbances, record)
 
         # the map: described by every contestant
         grid = free_square(parts.sensor, self.side, self.step_m, self.center_m, self.height_m)
@@ -106,19 +101,6 @@ class Robustness:
         record.log("summary", Text(markdown_of(summary, levels, outcome.rates), markdown=True))
         tables = {"robustness": columns_of(summary), "levels": outcome.table()}
         return Report(metrics_of(outcome, costs), tables, self._figures(outcome, costs, places_m))
-
-    def _levels(self, disturbances: Mapping[str, Disturbance], record: Recorder) -> list[Level]:
-        """Clear, and every level of every disturbance; one without `levels` has its own strength alone."""
-        for name in sorted(self.levels.keys() - disturbances.keys()):
-            record.log("log", Text(f"study.levels.{name} is not used: the run has no disturbance '{name}'"))
-        found = [Level("clear")]
-        for name, disturbance in disturbances.items():
-            if name not in self.levels:
-                found.append(Level(name, value="as set", applied={name: disturbance}))
-                continue
-            ((setting, values),) = self.levels[name].items()
-            found += [Level(name, setting, v, {name: at_strength(disturbance, name, setting, v)}) for v in values]
-        return found
 
     def _figures(self, outcome: Outcome, costs: Mapping[str, Cost], places_m: Floats) -> dict[str, Any]:
         clear = outcome.at(0)

@@ -1,0 +1,55 @@
+"""Omnidirectional images as rows of one elevation each."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from omnilab.api import Bytes, CalibratedCamera, Camera, Floats
+
+COLUMNS = 512  # samples of a row
+SMOOTHED = 0.7  # standard deviation of the blur before images are sampled, in pixels or in rows, whichever is larger
+
+
+class Rows(NamedTuple):
+    """Where R rows of elevations lie in a camera's images."""
+
+    uv: Floats  # (R, COLUMNS, 2) float32, pixels; column j looks to azimuth 2 pi j / COLUMNS
+    seen: npt.NDArray[np.bool_]  # (R,) whether a row lies within the frame, all of it
+    weight: Floats  # (R,) how many pixels a row has, relative to the longest
+    blur_px: float  # what keeps the sampling from skipping pixels
+
+    def pictures(self, image: Bytes) -> Floats:
+        """The rows (R, COLUMNS) float32 of an image (H, W)."""
+        import cv2
+
+        smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), self.blur_px)
+        return np.asarray(
+            cv2.remap(smooth, self.uv[..., 0], self.uv[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        )
+
+
+@lru_cache(maxsize=8)
+def rows_of(camera: Camera, count: int, lowest_deg: float, highest_deg: float, horizon: float) -> Rows:
+    """`count` rows between two elevations. A camera without a calibration shows elevations evenly in radius, and the
+    horizon at a share `horizon` of the way from the edge of its ring that looks down to the other."""
+    elevation = np.deg2rad(lowest_deg + (np.arange(count) + 0.5) / count * (highest_deg - lowest_deg))
+    azimuth, elevation = np.meshgrid(2 * np.pi * np.arange(COLUMNS) / COLUMNS, elevation)
+    if isinstance(camera, CalibratedCamera):
+        level = np.cos(elevation)
+        uv = camera.pixels(np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], -1))
+    else:
+        uv = camera.unwrap(azimuth, horizon * (1 + elevation / (np.pi / 2)))
+    frame = np.array([camera.width, camera.height])
+    with np.errstate(invalid="ignore"):
+        inside = ((uv > -0.5) & (uv < frame - 0.5)).all(-1)
+        inside &= np.hypot(uv[..., 0] - camera.circle.cx, uv[..., 1] - camera.circle.cy) >= camera.circle.inner
+    seen = inside.all(axis=1)
+    along = np.linalg.norm(np.diff(uv, axis=1), axis=-1).mean(axis=1)
+    across = np.linalg.norm(np.diff(uv, axis=0), axis=-1)[seen[1:] & seen[:-1]]
+    spacing = float(np.median(across)) if across.size else 1.0
+    weight = np.where(seen, along, 0) / max(float(along[seen].max(initial=0)), 1e-9)
+    return Rows(np.nan_to_num(uv, nan=-1.0).astype(np.float32), seen, weight, SMOOTHED * max(1.0, spacing))
