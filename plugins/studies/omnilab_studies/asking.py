@@ -9,11 +9,13 @@ import numpy as np
 
 from omnilab.api import (
     Answers,
+    Bytes,
     DistanceField,
     Estimate,
     Estimates,
     Floats,
     Frames,
+    Ints,
     Parts,
     Places,
     Plan,
@@ -119,14 +121,18 @@ class Asking:
             drawn["distance_surface"] = figures.surface(self.places_m, example.field, example.truth_m, example.answer_m)
         return drawn
 
+    def pictures(self, places: Ints) -> Bytes:
+        """The images of places (N,), taken anew by the run's sensor: a map keeps none."""
+        plan = Plan(self.places.keys, self.places.T_world_camera).at(places)
+        return np.concatenate([frames.images for frames in self.parts.sensor.frames(plan)])
+
     def worst(self, plan: Plan, scored: Scored, seed: int) -> Any:
-        """A figure of the worst answers: queries beside what they were taken for. Imaged again: a map keeps no pictures."""
+        """A figure of the worst answers: queries beside what they were taken for."""
         worst = np.argsort(-scored.error_m, kind="stable")[:WORST]
         asked = self.parts.sensor.frames(plan.at(scored.plan_index[worst]))
         queries = [image for frames in asked for image in disturbed(frames, self.parts.disturbances, seed).images]
-        places = Plan(self.places.keys, self.places.T_world_camera).at(scored.place[worst])
-        answers = [image for frames in self.parts.sensor.frames(places) for image in frames.images]
-        return figures.worst(queries, answers, scored.error_m[worst], scored.verdict[worst])
+        answers = self.pictures(scored.place[worst])
+        return figures.worst(queries, list(answers), scored.error_m[worst], scored.verdict[worst])
 
 
 def estimate_of(scored: Scored, i: int) -> Estimate:

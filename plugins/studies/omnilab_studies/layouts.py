@@ -37,6 +37,20 @@ PLACES = ViewLayout(
     widths=(3, 2, 2),
 )
 
+JOINT = ViewLayout(
+    columns=(
+        (Panel("map", "The map, and the first query at each height", ("room", "places", "camera", "estimate")),),
+        (
+            Panel("image", "Query, a height a step", ("query/image",)),
+            Panel("image", "Panorama", ("query/panorama",)),
+            Panel("plot", "Rate of nearest answers at each height", ("nearest",)),
+            Panel("plot", "Height above the map: true, and told", ("height",)),
+        ),
+        (Panel("text", "Result", ("summary",)), Panel("log", "Log", ("log",))),
+    ),
+    widths=(3, 2, 2),
+)
+
 STEPS = ViewLayout(
     columns=(
         (Panel("map", "The map at each step, and the answers in it", ("room", "places", "camera", "answers")),),
