@@ -5,6 +5,7 @@ from omnilab_studies.altitude import Altitude
 from omnilab_studies.changes import Changes
 from omnilab_studies.cost import Cost
 from omnilab_studies.grid import Grid
+from omnilab_studies.joint import Joint
 from omnilab_studies.large_map import LargeMap
 from omnilab_studies.linearity import Linearity
 from omnilab_studies.local_map import LocalMap
@@ -23,6 +24,7 @@ __all__ = [
     "Changes",
     "Cost",
     "Grid",
+    "Joint",
     "LargeMap",
     "Linearity",
     "LocalMap",
@@ -56,3 +58,4 @@ def register_studies(register: Register) -> None:
     register("resolution", Resolution)
     register("large_map", LargeMap)
     register("altitude", Altitude)
+    register("joint", Joint)
