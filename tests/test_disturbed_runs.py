@@ -151,7 +151,7 @@ class Watched(Radon):
 
 def test_places_stay_clear_and_figures_show_the_disturbed():
     sensor = Mirror(str(WORLD), size=64, samples=1)
-    parts = Parts(sensor, Watched(32, 36), PocBand(), Nearest(), {"dark": Light(gain=0)})
+    parts = Parts(sensor, Watched(32, 36), PocBand(), Nearest(), disturbances={"dark": Light(gain=0)})
     report = Grid(step_m=1.0, query_count=9, show=0).run(parts, Recorder(), np.random.default_rng(0))
     places = len(parts.descriptor.means) - 9
     assert min(parts.descriptor.means[:places]) > 0

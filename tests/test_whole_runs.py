@@ -120,7 +120,7 @@ def test_latest_points_at_the_run(folder, here):
 
 
 def test_the_command_prints_the_metrics(command, metrics):
-    shown = dict(line.split()[:2] for line in command.stdout.splitlines()[2:])
+    shown = dict(line.split()[:2] for line in command.stdout.splitlines()[3:])
     for name, value in metrics.items():
         assert float(shown[name]) == pytest.approx(value, rel=1e-5), name
 

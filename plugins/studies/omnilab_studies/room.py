@@ -29,8 +29,8 @@ class Room(LocalMap):
 
     steps_m: list[float] = field(default_factory=lambda: [0.2])  # of a virtual map
     neighbours: list[int] = field(default_factory=lambda: [9])  # places in a map
-    query_count: int = 13
-    starts: int = 50
+    query_count: int = 13  # within the map
+    starts: int = 50  # maps of each query, each from a start of its own and scored apart
     side: int = 8  # places along x and along y
     center_m: list[float] = field(default_factory=lambda: [0.0, 0.0])  # the map is the free square nearest to it
     every: int | None = None  # 1: all that was recorded; null: virtual
