@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
+
 WORLD = Path(__file__).with_name("box_world.yaml")
 SENSOR = [f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1"]
 SMALL = ["experiment=changes", "study.query_count=12", "study.step_m=0.5", *SENSOR]

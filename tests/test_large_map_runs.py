@@ -5,6 +5,10 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
+import pytest
+
+pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
+
 WORLD = Path(__file__).with_name("box_world.yaml")
 
 

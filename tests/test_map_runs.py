@@ -11,6 +11,8 @@ import pytest
 
 from omnilab.maps import load_places
 
+pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
+
 WORLD = Path(__file__).with_name("box_world.yaml")
 SENSOR = [f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1"]
 MAP = ["experiment=map", "study.step_m=0.5", "study.show=2", *SENSOR]

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
+
 WORLD = Path(__file__).with_name("box_world.yaml")
 SENSOR = [f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1"]
 SMALL = ["study.query_count=5", "study.starts=3", "study.show=1", "descriptors.poc=null", "distances.poc=null"]

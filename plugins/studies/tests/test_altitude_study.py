@@ -135,6 +135,7 @@ def test_scores_are_those_that_arithmetic_gives():
     assert len(report.tables["estimates"]["value"]) == 2 * 2 * 2 * 3 * 20
 
 
+@pytest.mark.slow
 def test_cameras_are_turned_and_rotations_scored():
     tower = Tower()
     report = run(Altitude(position_count=2), parts_of(sensor=tower))
