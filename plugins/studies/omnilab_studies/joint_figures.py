@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from omnilab.api import Floats
 from omnilab_studies.figures import COLORS
 from omnilab_studies.figures import _figure as blank
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+ROOM_M = 0.5  # shown above and below the true heights
 
 
 def joint(rows: Sequence[Mapping[str, Any]], pairs: tuple[Floats, Floats]) -> Figure:
@@ -37,7 +41,10 @@ def joint(rows: Sequence[Mapping[str, Any]], pairs: tuple[Floats, Floats]) -> Fi
     right.plot(ends, ends, color="#8b93a1", linewidth=1)
     right.plot(true, told, ".", color="#2563a8", alpha=0.35, markersize=5)
     right.plot(offsets, [row["told_median_m"] for row in rows], "o-", color="#d1403f", markersize=5, label="median")
-    right.set(xlabel="height above the answered place [m]", ylabel="told [m]", title="Height")
+    low, high = ends[0] - ROOM_M, ends[1] + ROOM_M
+    beyond = int(np.sum((told < low) | (told > high)))
+    title = f"Height ({beyond} of {len(told)} beyond the frame)" if beyond else "Height"
+    right.set(xlabel="height above the answered place [m]", ylabel="told [m]", title=title, ylim=(low, high))
     right.legend(frameon=False, fontsize=9)
     for axes in (left, right):
         axes.grid(alpha=0.25)
