@@ -104,8 +104,9 @@ class RerunSink:
 
         points = record.vertices_m if isinstance(record, Mesh) else record.position_m
         if isinstance(record, PlaceMap):
-            # markers as large as the spacing of a coarse map would hide it
-            self._spacing_m = min(spacing_m(points), float(np.ptp(points, axis=0).max()) / 25 or LONE_M)
+            # markers as large as the spacing of a coarse map would hide it, those of a very fine one would be too small
+            extent = float(np.ptp(points, axis=0).max()) or 25 * LONE_M
+            self._spacing_m = float(np.clip(spacing_m(points), extent / 150, extent / 25))
         if absolute(path) not in self._extents and len(points):
             self._extents[absolute(path)] = np.stack([np.min(points, 0), np.max(points, 0)])
 
