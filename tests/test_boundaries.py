@@ -28,11 +28,12 @@ CONTRACT = {
     "metrics",
     "projection",
     "testing",
+    "trajectories",
 }  # "": omnilab itself
 LAYERS = (  # a module of omnilab imports from the layers before its own
     {"api", "errors", "geometry", "hooks"},
     {"cameras", "distortion", "graphs"},
-    {"graph_files"},
+    {"graph_files", "trajectories"},
     {"lenses", "mirrors"},
     {"noncentral", "ocam", "stereo"},
     {"calibration", "resample"},
