@@ -7,6 +7,7 @@ from omnilab_studies.grid import Grid
 from omnilab_studies.linearity import Linearity
 from omnilab_studies.localize import Localize
 from omnilab_studies.make_map import MakeMap
+from omnilab_studies.pose_graph import PoseGraphStudy
 from omnilab_studies.render import Render
 from omnilab_studies.resolution import Resolution
 from omnilab_studies.robustness import Robustness
@@ -20,6 +21,7 @@ __all__ = [
     "Linearity",
     "Localize",
     "MakeMap",
+    "PoseGraphStudy",
     "Render",
     "Resolution",
     "Robustness",
@@ -41,3 +43,4 @@ def register_studies(register: Register) -> None:
     register("cost", Cost)
     register("robustness", Robustness)
     register("resolution", Resolution)
+    register("pose_graph", PoseGraphStudy)
