@@ -55,8 +55,8 @@ class GtsamBatch:
             solved = levenberg_marquardt(factors, values, self.max_iterations, self.tolerance)
             values, iterations, said = solved.values, iterations + solved.iterations, said + solved.said
 
-        def weigh(edge_chi2: Floats) -> Floats:
-            return weights(self.kernel, self.kernel_width, loops, edge_chi2)
+        def weigh(each: Floats) -> Floats:
+            return weights(self.kernel, self.kernel_width, loops, each)
 
         solved = solved._replace(iterations=iterations, said=said)
         return answer(graph, start, solved, weigh, factors if covariances else None)

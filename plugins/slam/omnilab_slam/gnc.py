@@ -9,9 +9,9 @@ import numpy as np
 
 from omnilab.api import Floats, Optimized, PoseGraph
 from omnilab.errors import ConfigError
-from omnilab.graphs import check_graph, is_loop
+from omnilab.graphs import check_graph, edge_chi2, is_loop
 from omnilab_slam.batch import Start, first_poses
-from omnilab_slam.factors import check_at_least, factors_of, noise_of, values_of
+from omnilab_slam.factors import check_at_least, factors_of, noise_of, poses_of, values_of
 from omnilab_slam.solving import answer, check_start, guarded, parameters
 
 
@@ -51,10 +51,13 @@ class GtsamGnc:
             weights[:] = solver.getWeights()[: len(weights)]
             return found, 0
 
-        def weigh(edge_chi2: Floats) -> Floats:  # noqa: ARG001
+        def weigh(each: Floats) -> Floats:  # noqa: ARG001
             return weights
 
-        solved = guarded(factors, values, solve)
+        def cost(values: Any) -> float:
+            return float(weights @ edge_chi2(graph, poses_of(values, graph.planar)))
+
+        solved = guarded(values, solve, cost)
         return answer(graph, start, solved, weigh, factors if covariances else None)
 
     def _settings(self, graph: PoseGraph) -> Any:

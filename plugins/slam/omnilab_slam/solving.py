@@ -36,13 +36,13 @@ def parameters(max_iterations: int, tolerance: float) -> Any:
     return settings
 
 
-def guarded(factors: Any, start: Any, solve: Callable[[], tuple[Any, int]]) -> Solved:
-    """What `solve` finds (values and iterations), unless it fails or is worse than its start."""
+def guarded(start: Any, solve: Callable[[], tuple[Any, int]], cost: Callable[[Any], float]) -> Solved:
+    """What `solve` finds (values and iterations), unless it fails or costs more than its start does then."""
     try:
         found, iterations = solve()
     except FAILURES as error:
         return Solved(start, 0, [f"the solver failed ({brief(error)}); the poses it started from are kept"])
-    before, after = factors.error(start), factors.error(found)
+    before, after = cost(start), cost(found)
     if after <= before:
         return Solved(found, iterations, [])
     sentence = f"the solver diverged (error {before:.4g}, then {after:.4g}); the poses it started from are kept"
@@ -57,7 +57,7 @@ def levenberg_marquardt(factors: Any, start: Any, max_iterations: int, tolerance
         optimizer = gtsam.LevenbergMarquardtOptimizer(factors, start, parameters(max_iterations, tolerance))
         return optimizer.optimize(), optimizer.iterations()
 
-    solved = guarded(factors, start, solve)
+    solved = guarded(start, solve, factors.error)
     if solved.iterations >= max_iterations:
         solved.said.append(f"the solver stopped after max_iterations={max_iterations}; give more")
     return solved
