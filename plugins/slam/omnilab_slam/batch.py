@@ -8,11 +8,11 @@ from enum import Enum
 import numpy as np
 
 from omnilab.api import Floats, Optimized, PoseGraph
-from omnilab.errors import ConfigError
+from omnilab.errors import ConfigError, DataError
 from omnilab.graphs import check_graph, dead_reckoning, is_loop
 from omnilab_slam.factors import check_at_least, factors_of, noise_of, poses_of, robust, values_of
 from omnilab_slam.kernels import REDESCENDING, Kernel, check_width, weights
-from omnilab_slam.solving import answer, check_start, levenberg_marquardt
+from omnilab_slam.solving import FAILURES, answer, brief, check_start, levenberg_marquardt
 
 
 class Start(Enum):
@@ -79,4 +79,7 @@ def _lago(graph: PoseGraph) -> Floats:
         raise ConfigError("backend.start=lago is for planar graphs, and this one is spatial; give given or odometry")
     variances = np.diagonal(np.linalg.inv(graph.information), axis1=1, axis2=2)
     noises = [gtsam.noiseModel.Diagonal.Variances(v) for v in variances]
-    return poses_of(gtsam.lago.initialize(factors_of(graph, noises)), planar=True)
+    try:
+        return poses_of(gtsam.lago.initialize(factors_of(graph, noises)), planar=True)
+    except FAILURES as error:
+        raise DataError(f"lago finds no start ({brief(error)}); give backend.start=odometry") from error

@@ -14,16 +14,14 @@ from omnilab_slam.factors import (
     check_at_least,
     factor_of,
     factors_of,
-    marginals,
     noise_of,
     pose_of,
     poses_of,
     robust,
-    values_of,
     vector_of,
 )
 from omnilab_slam.kernels import Kernel, check_width, weights
-from omnilab_slam.solving import FAILURES, brief, check_start
+from omnilab_slam.solving import FAILURES, brief, check_start, covariances_of
 
 LOOSE_SIGMA = 1.0  # m and rad: the tie of a pose whose update failed
 
@@ -70,7 +68,7 @@ class GtsamIsam2:
         spread = None
         if covariances:
             factors = factors_of(graph, self.noises(graph.information, loops))
-            spread = marginals(factors, values_of(poses), graph.planar)
+            spread = covariances_of(factors, poses, said)
         weight = weights(self.kernel, self.kernel_width, loops, each)
         return Optimized(poses, chi2(graph), float(each.sum()), len(graph) - 1 + self.settle, weight, spread, said)
 

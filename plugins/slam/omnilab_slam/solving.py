@@ -71,15 +71,24 @@ def answer(
     factors: Any | None = None,  # for covariances
 ) -> Optimized:
     """Polish what was solved, and report; `weigh` turns chi2 of the edges (E,) into their weights (E,)."""
-    poses, steps = polish(graph, poses_of(solved.values, graph.planar), weigh, MOST_STEPS, FLATNESS)
-    weights, said, spread = weigh(edge_chi2(graph, poses)), list(solved.said), None
-    if factors is not None:
-        try:
-            spread = marginals(factors, values_of(poses), graph.planar)
-        except FAILURES as error:
-            said.append(f"there are no covariances ({brief(error)})")
+    poses, said, steps = poses_of(solved.values, graph.planar), list(solved.said), 0
+    try:
+        poses, steps = polish(graph, poses, weigh, MOST_STEPS, FLATNESS)
+    except FAILURES as error:  # say, all that ties a pose was rejected
+        said.append(f"the last steps failed ({brief(error)}); GTSAM's optimum is kept")
+    spread = None if factors is None else covariances_of(factors, poses, said)
     iterations = solved.iterations + steps
+    weights = weigh(edge_chi2(graph, poses))
     return Optimized(poses, chi2(graph, start), chi2(graph, poses), iterations, weights, spread, said)
+
+
+def covariances_of(factors: Any, poses: Floats, said: list[str]) -> Floats | None:
+    """Covariances (N, d, d) of poses (N, k); where there are none, that is added to what is said."""
+    try:
+        return marginals(factors, values_of(poses), poses.shape[1] == 3)
+    except FAILURES as error:
+        said.append(f"there are no covariances ({brief(error)})")
+        return None
 
 
 def check_start(graph: PoseGraph, start: Floats) -> None:

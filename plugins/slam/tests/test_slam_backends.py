@@ -251,6 +251,48 @@ def test_a_solver_that_diverges_is_said_and_the_poses_stay(monkeypatch):
     assert found.chi2 <= found.chi2_before
 
 
+def test_a_pose_whose_edges_are_all_rejected_costs_no_map():
+    """Node 4 hangs on two loop closures that contradict each other by far, nodes 3 and 5 on ones that fit."""
+    edges = np.array([[0, 1], [1, 2], [0, 2], [0, 4], [2, 4], [1, 5], [5, 3]])
+    poses = np.column_stack([np.arange(6), np.zeros(6), np.zeros(6)]).astype(float)
+    motions = between(poses, edges)
+    motions[3:5] += [[50.0, 0, 0], [0, 70.0, 1.0]]
+    graph = PoseGraph(np.arange(6), poses, edges, motions, np.tile(1e4 * np.eye(3), (7, 1, 1)))
+    for backend in (GtsamBatch(kernel=Kernel.tukey), GtsamGnc(), GtsamIsam2(kernel=Kernel.dcs)):
+        found = backend.optimize(graph, covariances=True)
+        assert np.isfinite(found.poses).all()
+        assert np.allclose(found.poses[[1, 2]], poses[[1, 2]], atol=1e-2)
+
+
+def test_lago_that_fails_is_one_sentence(monkeypatch):
+    import gtsam
+
+    def fail(factors):
+        raise RuntimeError("no spanning tree")
+
+    monkeypatch.setattr(gtsam.lago, "initialize", fail)
+    with pytest.raises(DataError, match=r"no spanning tree.*start=odometry"):
+        GtsamBatch(start=Start.lago).optimize(square(laps=1)[0])
+
+
+def test_last_steps_and_covariances_that_fail_are_said(monkeypatch):
+    import gtsam
+
+    from omnilab_slam import solving
+
+    def fail(*arguments):
+        raise RuntimeError("Factor is exactly singular")
+
+    monkeypatch.setattr(solving, "polish", fail)
+    monkeypatch.setattr(gtsam, "Marginals", fail)
+    graph, _ = square(laps=1)
+    found = GtsamBatch().optimize(graph, covariances=True)
+    assert ["singular" in sentence for sentence in found.said] == [True, True]
+    assert found.covariances is None
+    assert found.chi2 <= found.chi2_before
+    assert "no covariances" in GtsamIsam2().optimize(graph, covariances=True).said[0]
+
+
 def test_too_few_iterations_are_said():
     graph = with_wrong_loops(square()[0], 5)
     assert "max_iterations=1" in GtsamBatch(max_iterations=1).optimize(graph).said[0]
