@@ -174,6 +174,8 @@ def test_a_file_is_optimised_and_comes_back_as_files(tmp_path):
     assert np.array_equal(read_graph(tmp_path / "again.g2o").poses, graph.poses)
     rows = np.array([line.split() for line in report.files["lazy.tum"].splitlines()], float)
     assert np.allclose(rows[:, 1:4], matrices(graph.poses)[:, :3, 3])
+    (tmp_path / "again.g2o").write_text(report.files["truth.g2o"])
+    assert np.array_equal(read_graph(tmp_path / "again.g2o").poses, truth)
     without = ran(Lazy(), path=str(tmp_path / "walk.g2o"))
     assert "ate" not in metrics_of(without)
     (tmp_path / "truth.g2o").write_text(g2o_text(graph))
