@@ -1,4 +1,4 @@
-"""Back ends on manhattan's 3500 poses (a walk of that size where it is not there), beside GTSAM called directly."""
+"""Back ends on manhattan's 3500 poses, beside GTSAM called directly; one pose at a time with `-m "slow or not slow"`."""
 
 from __future__ import annotations
 
@@ -49,11 +49,13 @@ def test_gtsam_alone(benchmark, graph):
     assert benchmark.pedantic(solve, **ROUNDS).shape == (3500, 3)
 
 
+@pytest.mark.slow
 @pytest.mark.benchmark(group="graphs: manhattan, one pose at a time")
 def test_gtsam_isam2(benchmark, graph):
     benchmark.pedantic(GtsamIsam2(settle=0).optimize, (graph,), rounds=1)
 
 
+@pytest.mark.slow
 @pytest.mark.benchmark(group="graphs: manhattan, one pose at a time")
 def test_gtsam_isam2_in_a_bare_loop(benchmark, graph):
     def solve():
