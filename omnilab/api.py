@@ -26,6 +26,7 @@ __all__ = [
     "Altimeter",
     "Answers",
     "Arrangement",
+    "Backend",
     "CalibratedCamera",
     "Camera",
     "Circle",
@@ -38,6 +39,7 @@ __all__ = [
     "Frames",
     "Graph",
     "GridPoses",
+    "Growing",
     "Heights",
     "Image",
     "Layout",
@@ -49,6 +51,8 @@ __all__ = [
     "Mesh",
     "Metric",
     "NamedPath",
+    "OnlineBackend",
+    "Optimized",
     "Panel",
     "Parts",
     "PathPoses",
@@ -57,6 +61,7 @@ __all__ = [
     "Plan",
     "PointCloud",
     "Pose",
+    "PoseGraph",
     "Progress",
     "RandomPoses",
     "Record",
@@ -273,6 +278,41 @@ class Arrangement:
     steps: Floats | None = None  # (S, B, n, 2) on the way, where they were asked for
 
 
+@dataclass(frozen=True)
+class PoseGraph:
+    """N poses, and E motions measured between them: all planar (k = d = 3), or all spatial (k = 7, d = 6).
+
+    A planar pose or motion is (x, y, heading), a spatial one (x, y, z, qx, qy, qz, qw), a unit quaternion: metres, radians.
+    Poses are in the world's frame; a motion is `T_from_to`, the pose of its edge's second node in the frame of the first.
+    """
+
+    ids: Ints  # (N,) int64, ascending: how files name the nodes
+    poses: Floats  # (N, k) float64, known or guessed
+    edges: Ints  # (E, 2) int64, from and to, as rows of `poses`
+    motions: Floats  # (E, k) float64
+    information: Floats  # (E, d, d): inverse covariance of x, y, heading; or of x, y, z and a rotation vector
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    @property
+    def planar(self) -> bool:
+        return bool(self.poses.shape[1] == 3)
+
+
+@dataclass(frozen=True)
+class Optimized:
+    """What a back end made of a pose graph. chi2 is that of `omnilab.graphs.chi2`, every edge in full, also robustly."""
+
+    poses: Floats  # (N, k), the first where it was
+    chi2_before: float  # of the poses it started from
+    chi2: float
+    iterations: int
+    weights: Floats  # (E,) in [0, 1]: how much each edge still counts; 0: it was rejected
+    covariances: Floats | None = None  # (N, d, d) of each pose, in its own frame, where they were asked for
+    said: Sequence[str] = ()  # what went wrong, in sentences
+
+
 # --------------------------------------------------------------------------------------------------------- records
 @dataclass(frozen=True)
 class Tick:
@@ -449,6 +489,9 @@ class Report:
     tables: Mapping[str, Mapping[str, Sequence[Any] | npt.NDArray[Any]]] = field(default_factory=dict)
     figures: Mapping[str, Any] = field(default_factory=dict)  # matplotlib figures, by file name without ending
     map: Places | None = None  # to be kept, so that other runs can localise in it
+    files: Mapping[str, str] = field(
+        default_factory=dict
+    )  # texts for the run's folder, by file name: trajectories, graphs
 
 
 class Recorder(Protocol):
@@ -581,6 +624,43 @@ class Altimeter(Protocol):
 
 
 @runtime_checkable
+class Backend(Protocol):
+    """Moves the poses of a graph to where they fit the measured motions best."""
+
+    def optimize(self, graph: PoseGraph, covariances: bool = False) -> Optimized:
+        """The graph's optimum, its first pose kept; DataError if the graph is unsound.
+
+        A solver that diverges or fails costs no map: the last good poses come back, and what happened is said.
+        """
+
+
+@runtime_checkable
+class Growing(Protocol):
+    """A map to which one pose after the other is added. Poses are numbered as they come, from 0."""
+
+    def add(self, pose: Floats, edges: Ints, motions: Floats, information: Floats) -> Sequence[str]:
+        """Add pose (k,), a guess, with its edges (e, 2) to or from poses that are there: what went wrong, in sentences.
+
+        Motions are (e, k), information (e, d, d), as in `PoseGraph`. An update that fails costs no map: the new pose
+        stays where it was guessed, tied loosely to the one before it.
+        """
+
+    def pose(self, number: int) -> Floats:
+        """One pose (k,), as it is now; quick, however many there are."""
+
+    def poses(self) -> Floats:
+        """All poses (n, k), as they are now."""
+
+
+@runtime_checkable
+class OnlineBackend(Protocol):
+    """A back end that can take poses as they come."""
+
+    def begin(self, first_pose: Floats) -> Growing:
+        """A map with one pose (k,), which stays."""
+
+
+@runtime_checkable
 class Study(Protocol):
     """Drives components and measures. `needs` names the parts without which it cannot run.
 
@@ -623,10 +703,12 @@ class Parts:
     distance: Distance = None  # type: ignore[assignment]
     localizer: Localizer = None  # type: ignore[assignment]
     altimeter: Altimeter = None  # type: ignore[assignment]
+    backend: Backend = None  # type: ignore[assignment]
     map: Places = None  # type: ignore[assignment]  # a saved one
     disturbances: Mapping[str, Disturbance] = field(default_factory=dict)  # of the queries, in the order they apply
     descriptors: Mapping[str, Descriptor] = field(default_factory=dict)  # that the study compares, by name
     distances: Mapping[str, Distance] = field(default_factory=dict)  # that it compares them with
     localizers: Mapping[str, Localizer] = field(default_factory=dict)  # that the study compares
     altimeters: Mapping[str, Altimeter] = field(default_factory=dict)  # that the study compares
+    backends: Mapping[str, Backend] = field(default_factory=dict)  # that the study compares
     default_distances: Mapping[str, Distance] = field(default_factory=dict)  # of each of `descriptors`, its own

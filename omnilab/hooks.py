@@ -58,6 +58,11 @@ def register_altimeters(register: Register) -> None:
 
 
 @hookspec
+def register_backends(register: Register) -> None:
+    """From a pose graph to its optimum."""
+
+
+@hookspec
 def register_studies(register: Register) -> None:
     """Experiments' code: drives the components and measures."""
 

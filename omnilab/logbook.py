@@ -56,7 +56,7 @@ class Logbook:
         _write_json(self.folder / "status.json", {"status": status, "time": now, "pid": os.getpid(), **more})
 
     def write(self, report: Report) -> None:
-        """Metrics, tables and figures."""
+        """Metrics, tables, figures and files."""
         rows = [(m.name, _number(m.value), m.unit, *map(_number, m.interval or ())) for m in report.metrics]
         rows = [(*row, "", "") if len(row) == 3 else row for row in rows]
         write_csv(self.folder / "metrics.csv", ["metric", "value", "unit", "low", "high"], rows)
@@ -64,6 +64,8 @@ class Logbook:
             write_csv(self.folder / f"{name}.csv", list(table), zip(*table.values(), strict=True))
         for name, figure in report.figures.items():
             figure.savefig(self.folder / f"{name}.png")
+        for name, text in report.files.items():
+            (self.folder / name).write_text(text, encoding="utf-8")
 
     def write_costs(self, rows: Iterable[tuple[str, float, str]]) -> None:
         """Times, memory, bytes: what depends on the machine."""

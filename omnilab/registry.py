@@ -35,11 +35,13 @@ KINDS: dict[str, type[Any]] = {
     "distance": api.Distance,
     "localizer": api.Localizer,
     "altimeter": api.Altimeter,
+    "backend": api.Backend,
     "study": api.Study,
     "sink": api.Sink,
 }
 DICTS = {  # settings of a run that hold any number of a kind, by name
     "altimeters": "altimeter",
+    "backends": "backend",
     "descriptors": "descriptor",
     "distances": "distance",
     "disturbances": "disturbance",

@@ -17,10 +17,23 @@ ROOT = Path(__file__).parent.parent
 CORE = sorted((ROOT / "omnilab").glob("*.py"))
 PLUGINS = sorted(path.parent for path in (ROOT / "plugins").glob("*/pyproject.toml"))
 
-CONTRACT = {"", "api", "errors", "geometry", "hooks", "metrics", "projection", "testing"}  # "": omnilab itself
+CONTRACT = {
+    "",
+    "api",
+    "errors",
+    "geometry",
+    "graph_files",
+    "graphs",
+    "hooks",
+    "metrics",
+    "projection",
+    "testing",
+    "trajectories",
+}  # "": omnilab itself
 LAYERS = (  # a module of omnilab imports from the layers before its own
     {"api", "errors", "geometry", "hooks"},
-    {"cameras", "distortion"},
+    {"cameras", "distortion", "graphs"},
+    {"graph_files", "trajectories"},
     {"lenses", "mirrors"},
     {"noncentral", "ocam", "stereo"},
     {"calibration", "resample"},

@@ -11,6 +11,7 @@ from omnilab_studies.linearity import Linearity
 from omnilab_studies.local_map import LocalMap
 from omnilab_studies.localize import Localize
 from omnilab_studies.make_map import MakeMap
+from omnilab_studies.pose_graph import PoseGraphStudy
 from omnilab_studies.render import Render
 from omnilab_studies.resolution import Resolution
 from omnilab_studies.robustness import Robustness
@@ -30,6 +31,7 @@ __all__ = [
     "LocalMap",
     "Localize",
     "MakeMap",
+    "PoseGraphStudy",
     "Render",
     "Resolution",
     "Robustness",
@@ -59,3 +61,4 @@ def register_studies(register: Register) -> None:
     register("large_map", LargeMap)
     register("altitude", Altitude)
     register("joint", Joint)
+    register("pose_graph", PoseGraphStudy)

@@ -1,0 +1,85 @@
+"""All poses at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from omnilab.api import Floats, Optimized, PoseGraph
+from omnilab.errors import ConfigError, DataError
+from omnilab.graphs import check_graph, dead_reckoning, is_loop
+from omnilab_slam.factors import check_at_least, factors_of, noise_of, poses_of, robust, values_of
+from omnilab_slam.kernels import REDESCENDING, Kernel, check_width, weights
+from omnilab_slam.solving import FAILURES, answer, brief, check_start, levenberg_marquardt
+
+
+class Start(Enum):
+    """Where the poses are at first."""
+
+    given = "given"  # the graph's own; where a file has none, those of odometry
+    odometry = "odometry"  # motions chained from the first pose
+    lago = "lago"  # headings first, by a linear problem (Carlone et al., 2014); planar graphs
+
+
+@dataclass
+class GtsamBatch:
+    """Levenberg-Marquardt over the whole graph (GTSAM; Dellaert and Kaess, 2006), then steps on g2o's error.
+
+    A robust `kernel` lets loop closures that do not fit count less; edges from a pose to the next are trusted. Kernels
+    that forget what is far off (geman_mcclure, welsch, tukey, dcs) would never leave a bad start: Cauchy goes first.
+    """
+
+    start: Start = Start.given  # given, odometry or lago
+    kernel: Kernel = Kernel.none  # none, huber, cauchy, geman_mcclure, welsch, tukey or dcs
+    kernel_width: float | None = None  # in standard deviations; null: the kernel's usual one
+    max_iterations: int = 200  # of each solution
+    tolerance: float = 1e-5  # relative decrease of the error at which it stops
+
+    def __post_init__(self) -> None:
+        check_width(self.kernel_width)
+        check_at_least("max_iterations", self.max_iterations, 1)
+        check_at_least("tolerance", self.tolerance, 0)
+
+    def optimize(self, graph: PoseGraph, covariances: bool = False) -> Optimized:
+        """Start, solve, with a forgetting kernel solve again, polish."""
+        check_graph(graph)
+        start = first_poses(graph, self.start)
+        check_start(graph, start)
+        noises, loops = [noise_of(W) for W in graph.information], is_loop(graph)
+        values, iterations, said = values_of(start), 0, list[str]()
+        for kernel in [Kernel.cauchy, self.kernel] if self.kernel in REDESCENDING else [self.kernel]:
+            width = self.kernel_width if kernel is self.kernel else None
+            factors = factors_of(graph, robust(noises, loops, kernel, width))
+            solved = levenberg_marquardt(factors, values, self.max_iterations, self.tolerance)
+            values, iterations, said = solved.values, iterations + solved.iterations, said + solved.said
+
+        def weigh(each: Floats) -> Floats:
+            return weights(self.kernel, self.kernel_width, loops, each)
+
+        solved = solved._replace(iterations=iterations, said=said)
+        return answer(graph, start, solved, weigh, factors if covariances else None)
+
+
+def first_poses(graph: PoseGraph, start: Start) -> Floats:
+    """Poses (N, k) to start from."""
+    if start is Start.given:
+        return graph.poses
+    if start is Start.odometry:
+        return dead_reckoning(graph)
+    return _lago(graph)
+
+
+def _lago(graph: PoseGraph) -> Floats:
+    """Linear approximation for graph optimisation, on a copy with diagonal noise, the only one that GTSAM's takes."""
+    import gtsam
+
+    if not graph.planar:
+        raise ConfigError("backend.start=lago is for planar graphs, and this one is spatial; give given or odometry")
+    variances = np.diagonal(np.linalg.inv(graph.information), axis1=1, axis2=2)
+    noises = [gtsam.noiseModel.Diagonal.Variances(v) for v in variances]
+    try:
+        return poses_of(gtsam.lago.initialize(factors_of(graph, noises)), planar=True)
+    except FAILURES as error:
+        raise DataError(f"lago finds no start ({brief(error)}); give backend.start=odometry") from error

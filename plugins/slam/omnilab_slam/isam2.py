@@ -1,0 +1,164 @@
+"""One pose after the other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from omnilab.api import Floats, Ints, Optimized, PoseGraph
+from omnilab.graphs import arrivals, check_graph, chi2, edge_chi2, inverse, is_loop, matrices, moved, vectors
+from omnilab_slam.factors import (
+    anchor,
+    check_at_least,
+    factor_of,
+    factors_of,
+    noise_of,
+    pose_of,
+    poses_of,
+    robust,
+    vector_of,
+)
+from omnilab_slam.kernels import Kernel, check_width, weights
+from omnilab_slam.solving import FAILURES, brief, check_start, covariances_of
+
+LOOSE_SIGMA = 1.0  # m and rad: the tie of a pose whose update failed
+
+
+@dataclass
+class GtsamIsam2:
+    """iSAM2 (Kaess et al., 2012): each pose is added to a Bayes tree of which only what it touches is solved again.
+
+    By QR, which stands what Cholesky does not. `optimize` adds a graph's poses one by one, guessed from the poses there
+    are, whatever the graph's own say. Robust kernels are for loop closures; those that forget would keep wrong ones out
+    from the start and right ones after a drift.
+    """
+
+    relinearize_threshold: float = 0.1  # m and rad that a pose may move before its edges are linearised anew
+    relinearize_every: int = 10  # updates
+    settle: int = 5  # updates without new poses at the end
+    kernel: Kernel = Kernel.none  # none, huber, cauchy, geman_mcclure, welsch, tukey or dcs
+    kernel_width: float | None = None  # in standard deviations; null: the kernel's usual one
+
+    def __post_init__(self) -> None:
+        check_width(self.kernel_width)
+        check_at_least("relinearize_threshold", self.relinearize_threshold, 0)
+        check_at_least("relinearize_every", self.relinearize_every, 1)
+        check_at_least("settle", self.settle, 0)
+
+    def begin(self, first_pose: Floats) -> GrowingMap:
+        """A map with one pose (k,)."""
+        return GrowingMap(self, first_pose)
+
+    def optimize(self, graph: PoseGraph, covariances: bool = False) -> Optimized:
+        """Add every pose with its edges to those before it, let the map settle."""
+        check_graph(graph)
+        check_start(graph, graph.poses)
+        growing, order, said = self.begin(graph.poses[0]), [0], list[str]()
+        for arrival in arrivals(graph):
+            guess = moved(growing.pose(arrival.before), arrival.motion)
+            e = arrival.edges
+            said += growing.add(guess, arrival.ends, graph.motions[e], graph.information[e])
+            order.append(arrival.node)
+        said += growing.settle(self.settle)
+        poses = np.empty_like(graph.poses)
+        poses[order] = growing.poses()
+        each, loops = edge_chi2(graph, poses), is_loop(graph)
+        spread = None
+        if covariances:
+            factors = factors_of(graph, self.noises(graph.information, loops))
+            spread = covariances_of(factors, poses, said)
+        weight = weights(self.kernel, self.kernel_width, loops, each)
+        return Optimized(poses, chi2(graph), float(each.sum()), len(graph) - 1 + self.settle, weight, spread, said)
+
+    def noises(self, information: Floats, loops: Any) -> list[Any]:
+        """Noise of edges, from information (e, d, d) and which of them are loop closures (e,)."""
+        return robust([noise_of(W) for W in information], loops, self.kernel, self.kernel_width)
+
+
+class GrowingMap:
+    """A Bayes tree, and all that is needed to plant it again should an update fail."""
+
+    def __init__(self, settings: GtsamIsam2, first_pose: Floats) -> None:
+        import gtsam
+
+        self._settings, self._planar = settings, len(first_pose) == 3
+        self._kept = gtsam.NonlinearFactorGraph()
+        self._tree = self._planted()
+        self._count = 0
+        self._update([anchor(first_pose)], first_pose)
+
+    def add(self, pose: Floats, edges: Ints, motions: Floats, information: Floats) -> list[str]:
+        """See `omnilab.api.Growing`."""
+        noises = self._settings.noises(information, np.abs(edges[:, 1] - edges[:, 0]) != 1)
+        measured = zip(edges.tolist(), motions, noises, strict=True)
+        try:
+            self._update([factor_of(i, j, motion, noise) for (i, j), motion, noise in measured], pose)
+        except FAILURES as error:
+            self._mend(pose)
+            return [f"pose {self._count - 1} could not be added ({brief(error)}); it stays where it was guessed"]
+        return []
+
+    def pose(self, number: int) -> Floats:
+        """See `omnilab.api.Growing`."""
+        tree = self._tree
+        return vector_of((tree.calculateEstimatePose2 if self._planar else tree.calculateEstimatePose3)(number))
+
+    def poses(self) -> Floats:
+        """See `omnilab.api.Growing`."""
+        return poses_of(self._tree.calculateEstimate(), self._planar)
+
+    def settle(self, updates: int) -> list[str]:
+        """Update without new poses, linearising anew what has moved."""
+        import gtsam
+
+        force = gtsam.ISAM2UpdateParams()
+        force.force_relinearize = True
+        for _ in range(updates):
+            try:
+                self._tree.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), force)
+            except FAILURES as error:
+                self._plant_again()
+                return [f"the map could not settle ({brief(error)}); it stays as it was"]
+        return []
+
+    def _planted(self) -> Any:
+        """A tree without leaves."""
+        import gtsam
+
+        parameters = gtsam.ISAM2Params()
+        parameters.setFactorization("QR")
+        parameters.setRelinearizeThreshold(self._settings.relinearize_threshold)
+        parameters.relinearizeSkip = self._settings.relinearize_every
+        return gtsam.ISAM2(parameters)
+
+    def _update(self, factors: list[Any], pose: Floats) -> None:
+        """One more pose (k,) and what is known of it."""
+        import gtsam
+
+        new, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        for factor in factors:
+            new.push_back(factor)
+        values.insert(self._count, pose_of(pose))
+        self._tree.update(new, values)
+        self._kept.push_back(new)
+        self._count += 1
+
+    def _mend(self, pose: Floats) -> None:
+        """The tree as it was before an update failed, and the pose (k,) tied to the one before it."""
+        import gtsam
+
+        self._plant_again()
+        last = self.pose(self._count - 1)
+        motion = vectors(inverse(matrices(last[None])) @ matrices(pose[None]), self._planar)[0]
+        noise = gtsam.noiseModel.Isotropic.Sigma(3 if self._planar else 6, LOOSE_SIGMA)
+        self._update([factor_of(self._count - 1, self._count, motion, noise)], pose)
+
+    def _plant_again(self) -> None:
+        """A failed update breaks GTSAM's tree for good: a new one, of what the old one held."""
+        values = self._tree.getLinearizationPoint()
+        if values.exists(self._count):
+            values.erase(self._count)
+        self._tree = self._planted()
+        self._tree.update(self._kept, values)

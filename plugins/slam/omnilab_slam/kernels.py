@@ -1,0 +1,57 @@
+"""Robust kernels: how little a loop closure counts that does not fit."""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+from omnilab.api import Floats
+from omnilab.errors import ConfigError
+
+
+class Kernel(Enum):
+    """By how fast they let go: the last four forget what is far off, and so need a start that is near."""
+
+    none = "none"
+    huber = "huber"
+    cauchy = "cauchy"
+    geman_mcclure = "geman_mcclure"
+    welsch = "welsch"
+    tukey = "tukey"
+    dcs = "dcs"
+
+
+NAMES = {
+    Kernel.huber: ("Huber", 1.345),
+    Kernel.cauchy: ("Cauchy", 2.385),
+    Kernel.geman_mcclure: ("GemanMcClure", 3.0),
+    Kernel.welsch: ("Welsch", 2.985),
+    Kernel.tukey: ("Tukey", 4.685),
+    Kernel.dcs: ("DCS", 3.0),
+}  # and the width in standard deviations: 95 % efficiency (Zhang, 1997) where that is known
+REDESCENDING = {Kernel.geman_mcclure, Kernel.welsch, Kernel.tukey, Kernel.dcs}
+
+
+def check_width(width: float | None) -> None:
+    """ConfigError for a width that no kernel has."""
+    if width is not None and not 0 < width < np.inf:
+        raise ConfigError(f"backend.kernel_width={width} is no width; give standard deviations above 0, or null")
+
+
+def estimator(kernel: Kernel, width: float | None) -> Any:
+    """GTSAM's kernel."""
+    import gtsam
+
+    name, usual = NAMES[kernel]
+    return getattr(gtsam.noiseModel.mEstimator, name).Create(usual if width is None else width)
+
+
+def weights(kernel: Kernel, width: float | None, loops: Any, edge_chi2: Floats) -> Floats:
+    """How much each edge (E,) counts, from its chi2 (E,); only `loops` (E,) can count less than fully."""
+    found = np.ones(len(edge_chi2))
+    if kernel is not Kernel.none:
+        weigh = estimator(kernel, width).weight
+        found[loops] = [weigh(float(distance)) for distance in np.sqrt(edge_chi2[loops])]
+    return np.clip(found, 0, 1)

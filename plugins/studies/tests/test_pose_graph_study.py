@@ -1,0 +1,217 @@
+"""The study of pose graphs on plain back ends, the simulated walk and wrong loop closures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from omnilab.api import Graph, Optimized, Parts, PoseGraph
+from omnilab.errors import ConfigError, DataError
+from omnilab.graph_files import g2o_text, read_graph
+from omnilab.graphs import between, check_graph, chi2, edge_chi2, is_loop, matrices
+from omnilab.record import Recorder
+from omnilab.testing import check_study
+from omnilab_studies import PoseGraphStudy
+from omnilab_studies.graph_figures import colors, deviations
+from omnilab_studies.walks import Walk, with_wrong_loops
+
+
+@dataclass
+class Lazy:
+    """Leaves everything where it is, and says so."""
+
+    def optimize(self, graph, covariances=False):
+        value = chi2(graph)
+        return Optimized(graph.poses, value, value, 0, np.ones(len(graph.edges)), said=["too lazy"])
+
+
+@dataclass
+class Knowing:
+    """Knows a walk's true poses."""
+
+    walk: Walk
+    seed: int = 7
+
+    def optimize(self, graph, covariances=False):
+        _, truth = self.walk.graph(np.random.default_rng(self.seed))
+        return Optimized(truth, chi2(graph), chi2(graph, truth), 1, (edge_chi2(graph, truth) < 50).astype(float))
+
+
+@dataclass
+class Chaining(Lazy):
+    """Takes poses as they come, and believes each guess."""
+
+    def begin(self, first_pose):
+        return Chain([first_pose])
+
+
+class Chain:
+    def __init__(self, poses):
+        self.all = poses
+
+    def add(self, pose, edges, motions, information):
+        assert edges.max() == len(self.all)
+        assert len(edges) == len(motions) == len(information) > 0
+        self.all.append(pose)
+        return ["not sure"] if len(self.all) == 5 else []
+
+    def pose(self, number):
+        return self.all[number]
+
+    def poses(self):
+        return np.array(self.all)
+
+
+class Log(Recorder):
+    def __init__(self):
+        super().__init__()
+        self.records = []
+
+    def log(self, path, record, tick=None):
+        self.records.append((path, record, tick))
+
+
+WALK = Walk(count=80, side=6)
+
+
+def ran(backend, log=None, backends=None, **settings):
+    study = PoseGraphStudy(**{"walk": WALK, **settings})
+    return study.run(Parts(backend=backend, backends=backends or {}), log or Log(), np.random.default_rng(7))
+
+
+def metrics_of(report):
+    return {metric.name: metric.value for metric in report.metrics}
+
+
+def test_keeps_the_contract():
+    check_study(PoseGraphStudy(walk=WALK, wrong_loops=0.2), Parts(backend=Lazy(), backends={"chaining": Chaining()}))
+
+
+def test_errors_are_those_of_the_answer():
+    found = metrics_of(ran(Knowing(WALK)))
+    assert found["ate"] == pytest.approx(0, abs=1e-9)
+    assert found["drift"] == pytest.approx(0, abs=1e-9)
+    graph, truth = WALK.graph(np.random.default_rng(7))
+    assert found["chi2"] == pytest.approx(chi2(graph, truth))
+    assert found["chi2_before"] == pytest.approx(chi2(graph))
+    assert (found["poses"], found["edges"], found["wrong_loops"]) == (80, len(graph.edges), 0)
+
+
+def test_the_truth_makes_chi2_as_large_as_the_noise():
+    """Expected: the number of measured coordinates, within five standard deviations."""
+    walk = Walk(count=600)
+    graph, truth = walk.graph(np.random.default_rng(0))
+    expected = 3 * len(graph.edges)
+    assert abs(chi2(graph, truth) - expected) < 5 * np.sqrt(2 * expected)
+    assert is_loop(graph).sum() > 50
+    check_graph(graph)
+
+
+def test_a_walk_stays_in_town_and_goes_from_crossing_to_crossing():
+    _, truth = Walk(count=500, side=7).graph(np.random.default_rng(3))
+    assert truth[:, :2].min() >= 0
+    assert truth[:, :2].max() <= 6
+    steps = between(truth, np.column_stack([np.arange(499), np.arange(1, 500)]))
+    assert np.allclose(np.abs(steps[:, :2]).sum(axis=1), 1)
+    assert len(np.unique(truth[:, :2], axis=0)) > 20
+
+
+def test_wrong_loops_are_counted_and_rejected():
+    report = ran(Knowing(WALK), backends={"lazy": Lazy()}, wrong_loops=0.5)
+    found = metrics_of(report)
+    assert found["knowing_rms_to_clean"] == pytest.approx(0, abs=1e-12)
+    assert found["lazy_rms_to_clean"] > 0.1
+    assert found["wrong_loops"] == round(0.5 * found["loops"])
+    assert found["knowing_wrong_rejected"] == 1
+    assert found["knowing_true_rejected"] == 0
+    assert found["lazy_wrong_rejected"] == 0
+    assert sum(report.tables["edges"]["wrong"]) == found["wrong_loops"]
+    assert report.tables["backends"]["backend"] == ["knowing", "lazy"]
+
+
+@pytest.mark.parametrize("planar", [True, False])
+def test_wrong_loops_are_sound_edges_between_random_poses(planar):
+    rng = np.random.default_rng(1)
+    poses = rng.uniform(-3, 3, (30, 3 if planar else 7))
+    if not planar:
+        poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+    edges = np.array([*((i, i + 1) for i in range(29)), *((i, i + 5) for i in range(20))])
+    weight = np.eye(3 if planar else 6)
+    graph = PoseGraph(np.arange(30), poses, edges, between(poses, edges), np.tile(weight, (len(edges), 1, 1)))
+    spoilt, wrong = with_wrong_loops(graph, 0.5, np.random.default_rng(2))
+    check_graph(spoilt)
+    assert wrong.tolist() == list(range(49, 59))
+    assert is_loop(spoilt)[wrong].all()
+    assert (edge_chi2(spoilt)[wrong] > 0.1).all()
+    assert np.array_equal(spoilt.edges[:49], graph.edges)
+    same, none = with_wrong_loops(graph, 0, np.random.default_rng(2))
+    assert len(none) == 0
+    assert len(same.edges) == len(edges)
+
+
+def test_loop_closures_are_painted_by_how_far_they_are_off():
+    poses = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]])
+    edges = np.array([[0, 1], [1, 2], [0, 2], [0, 3]])
+    graph = PoseGraph(np.arange(4), poses, edges, between(poses, edges), np.tile(np.eye(3), (4, 1, 1)))
+    far = replace(graph, motions=graph.motions + np.array([[0, 0, 0]] * 3 + [[0, 30, 0]]))
+    assert deviations(far, poses)[3] == pytest.approx(30 / np.sqrt(3))
+    paint = colors(far, poses)
+    assert paint[0].tolist() == paint[1].tolist() == [108, 122, 143]
+    assert paint[2, 1] > 2 * paint[2, 0]  # green
+    assert paint[3, 0] > 2 * paint[3, 1]  # red
+
+
+def test_a_file_is_optimised_and_comes_back_as_files(tmp_path):
+    graph, truth = WALK.graph(np.random.default_rng(0))
+    named = replace(graph, ids=np.arange(80) * 3)
+    (tmp_path / "walk.g2o").write_text(g2o_text(named))
+    (tmp_path / "truth.g2o").write_text(g2o_text(replace(named, poses=truth)))
+    report = ran(Lazy(), path=str(tmp_path / "walk.g2o"), truth=str(tmp_path / "truth.g2o"))
+    assert metrics_of(report)["ate"] > 0.01
+    (tmp_path / "again.g2o").write_text(report.files["lazy.g2o"])
+    assert np.array_equal(read_graph(tmp_path / "again.g2o").poses, graph.poses)
+    rows = np.array([line.split() for line in report.files["lazy.tum"].splitlines()], float)
+    assert np.allclose(rows[:, 1:4], matrices(graph.poses)[:, :3, 3])
+    (tmp_path / "again.g2o").write_text(report.files["truth.g2o"])
+    assert np.array_equal(read_graph(tmp_path / "again.g2o").poses, truth)
+    without = ran(Lazy(), path=str(tmp_path / "walk.g2o"))
+    assert "ate" not in metrics_of(without)
+    (tmp_path / "truth.g2o").write_text(g2o_text(graph))
+    with pytest.raises(DataError, match="other vertices"):
+        ran(Lazy(), path=str(tmp_path / "walk.g2o"), truth=str(tmp_path / "truth.g2o"))
+
+
+def test_what_a_back_end_says_is_in_the_log():
+    log = Log()
+    found = metrics_of(ran(Chaining(), log))
+    said = [(record.text, record.level) for path, record, _ in log.records if path == "log"]
+    assert ("chaining: too lazy", "WARN") in said
+    assert ("chaining: not sure", "WARN") in said
+    assert found["problems"] == 1
+
+
+def test_a_growing_map_grows_in_the_logs():
+    log = Log()
+    report = ran(Chaining(), log, show=8)
+    drawn = [(tick.step, record) for path, record, tick in log.records if path == "after/chaining"]
+    stages = sorted((step, len(record.position_m)) for step, record in drawn if 0 < step < 80)
+    assert len(stages) == 8
+    assert all(count == step + 1 for step, count in stages)
+    assert all(isinstance(record, Graph) and len(record.edges) == len(record.colors) for _, record in drawn)
+    assert max(step for step, _ in drawn) == 80
+    assert "growth" in report.figures
+
+
+def test_settings_that_cannot_be_are_one_sentence():
+    for settings in ({"wrong_loops": -0.1}, {"wrong_loops": float("nan")}, {"show": 0}):
+        with pytest.raises(ConfigError, match="give"):
+            PoseGraphStudy(**settings)
+    for settings in ({"count": 1}, {"turn_rate": 1.5}, {"sigma_m": 0.0}):
+        with pytest.raises(ConfigError, match=r"study\.walk"):
+            Walk(**settings)
+    with pytest.raises(ConfigError, match="without a file"):
+        ran(Lazy(), truth="truth.g2o")
+    with pytest.raises(ConfigError, match=r"backends\.lazy has the name"):
+        ran(Lazy(), backends={"lazy": Lazy()})
