@@ -21,6 +21,8 @@ from omnilab_appearance import GaussianNoise, Light, Nearest, PocBand, Radon, Ti
 from omnilab_mirror import Mirror
 from omnilab_studies import Grid
 
+pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
+
 WORLD = Path(__file__).with_name("box_world.yaml")
 SMALL = (
     "experiment=quickstart", f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1", "descriptor.offsets=48",

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
+
 WORLD = Path(__file__).with_name("box_world.yaml")
 SMALL = [
     f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1", "descriptors.radon.offsets=48",
