@@ -30,6 +30,7 @@ __all__ = [
     "CalibratedCamera",
     "Camera",
     "Circle",
+    "Closures",
     "Descriptor",
     "Distance",
     "DistanceField",
@@ -46,11 +47,15 @@ __all__ = [
     "Learner",
     "Learnt",
     "Localizer",
+    "LoopClosure",
     "MapMaker",
     "Match",
+    "Memory",
     "Mesh",
     "Metric",
+    "Motion",
     "NamedPath",
+    "Odometry",
     "OnlineBackend",
     "Optimized",
     "Panel",
@@ -77,12 +82,16 @@ __all__ = [
     "Text",
     "Tick",
     "Tracker",
+    "Unusable",
+    "ViewFilter",
     "ViewLayout",
+    "ViewMap",
 ]
 
 Floats = npt.NDArray[np.floating[Any]]
 Ints = npt.NDArray[np.integer[Any]]
 Bytes = npt.NDArray[np.uint8]
+Bools = npt.NDArray[np.bool_]
 T = TypeVar("T")
 
 
@@ -206,6 +215,15 @@ class Frames:
     def __len__(self) -> int:
         return len(self.images)
 
+    def at(self, i: int) -> Frames:
+        """One of the images, as a batch of one."""
+        one = slice(i, i + 1)
+        poses = None if self.T_world_camera is None else self.T_world_camera[one]
+        depth = None if self.depth_m is None else self.depth_m[one]
+        return Frames(
+            self.images[one], self.keys[one], self.stamps_ns[one], self.camera, self.plan_index[one], poses, (), depth
+        )
+
 
 @dataclass(frozen=True)
 class Signatures:
@@ -276,6 +294,43 @@ class Arrangement:
     stress: Floats  # (B,) normalised: root of sum (|x_i - x_j| - d_ij)^2 / sum d_ij^2 over the pairs that count
     iterations: Ints  # (B,) until it settled
     steps: Floats | None = None  # (S, B, n, 2) on the way, where they were asked for
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How a camera moved in the plane from one image to another, as an odometry tells."""
+
+    vector: (
+        Floats  # (3,) x and y in `unit`, heading: the second pose in the frame of the first; NaN where it cannot tell
+    )
+    covariance: Floats  # (3, 3) of these
+    unit: str  # "m", or what it counts: then lengths are right up to one unknown factor
+    failed: str = ""  # why it cannot tell, in a few words
+    matches: Floats | None = (
+        None  # (M, 2, 2): azimuth and level (of `Camera.unwrap`) in the first panorama, in the second
+    )
+    agree: Bools | None = None  # (M,) which of the matches the motion explains
+    window_rad: float | None = (
+        None  # azimuth in the second camera's frame where the winning half of the panorama starts
+    )
+
+
+@dataclass(frozen=True)
+class Unusable:
+    """What an odometry keeps of an image in which nothing can be made out."""
+
+    reason: str  # in a few words
+
+
+@dataclass(frozen=True)
+class Closures:
+    """K earlier nodes whose places an image was recognised as."""
+
+    nodes: Ints  # (K,)
+    motions: Floats  # (K, 3): the new pose in the frame of each node, x and y in the odometry's unit
+    covariances: Floats  # (K, 3, 3)
+    distances: Floats  # (K,) between the images, smaller is more alike
+    candidates: int  # how many nodes were looked at closely
 
 
 @dataclass(frozen=True)
@@ -624,6 +679,36 @@ class Altimeter(Protocol):
 
 
 @runtime_checkable
+class Odometry(Protocol):
+    """Tells how the camera moved from one image to another, mostly to the next."""
+
+    def look(self, frames: Frames) -> Sequence[Any]:
+        """What it keeps of each image of a batch; an `Unusable` of one in which nothing can be made out."""
+
+    def motion(self, before: Any, now: Any, rng: np.random.Generator) -> Motion:
+        """The motion between two images, from what was kept of them; both are usable."""
+
+
+@runtime_checkable
+class Memory(Protocol):
+    """The images of a robot's way, so far. They are numbered as they come, from 0: nodes."""
+
+    def recall(self, frames: Frames, look: Any, step: float, rng: np.random.Generator) -> Closures:
+        """Which earlier nodes show the place of the next image (a batch of one); it becomes a node itself.
+
+        `look` is what the odometry kept of it, `step` the usual length of its steps so far.
+        """
+
+
+@runtime_checkable
+class LoopClosure(Protocol):
+    """Recognises places that the robot has been to before."""
+
+    def begin(self) -> Memory:
+        """A memory without images."""
+
+
+@runtime_checkable
 class Backend(Protocol):
     """Moves the poses of a graph to where they fit the measured motions best."""
 
@@ -658,6 +743,42 @@ class OnlineBackend(Protocol):
 
     def begin(self, first_pose: Floats) -> Growing:
         """A map with one pose (k,), which stays."""
+
+
+@runtime_checkable
+class ViewMap(Protocol):
+    """A robot's pose and those of the views it has taken, as they become known. Poses are planar: x, y, heading.
+
+    Views are numbered as they come, from 0. A view is observed by two angles: its bearing in the robot's frame,
+    atan2(y_i - y, x_i - x) - heading, and its relative orientation, heading_i - heading. What goes wrong is said in
+    sentences, and costs no more than the step or the observation it is about.
+    """
+
+    def predict(self, motion: Floats, covariance: Floats) -> Sequence[str]:
+        """The robot moved by (3,), in its own frame, as odometry tells with covariance (3, 3)."""
+
+    def observe(self, views: Ints, angles_rad: Floats, covariances: Floats) -> tuple[Bools, Sequence[str]]:
+        """It sees views (K,) at bearings and relative orientations (K, 2), covariances (K, 2, 2): which (K,) it believes."""
+
+    def add_view(self) -> int:
+        """The robot takes a view where it is: the number of that."""
+
+    def pose(self) -> tuple[Floats, Floats]:
+        """The robot's pose (3,) and its covariance (3, 3), of x, y and heading in the world's frame."""
+
+    def views(self) -> tuple[Floats, Floats]:
+        """The poses (N, 3) of the views and their covariances (N, 3, 3)."""
+
+    def finish(self) -> Floats:
+        """All has been seen: the robot's poses (T, 3), the first and one after each prediction, as well as they can be known."""
+
+
+@runtime_checkable
+class ViewFilter(Protocol):
+    """Builds a map of views out of odometry and the directions in which the views are seen again."""
+
+    def begin(self, pose: Floats, covariance: Floats) -> ViewMap:
+        """A map without views, the robot being at a pose (3,) with covariance (3, 3)."""
 
 
 @runtime_checkable
@@ -703,7 +824,10 @@ class Parts:
     distance: Distance = None  # type: ignore[assignment]
     localizer: Localizer = None  # type: ignore[assignment]
     altimeter: Altimeter = None  # type: ignore[assignment]
+    odometry: Odometry = None  # type: ignore[assignment]
+    loop_closure: LoopClosure = None  # type: ignore[assignment]
     backend: Backend = None  # type: ignore[assignment]
+    view_filter: ViewFilter = None  # type: ignore[assignment]
     map: Places = None  # type: ignore[assignment]  # a saved one
     disturbances: Mapping[str, Disturbance] = field(default_factory=dict)  # of the queries, in the order they apply
     descriptors: Mapping[str, Descriptor] = field(default_factory=dict)  # that the study compares, by name
@@ -711,4 +835,5 @@ class Parts:
     localizers: Mapping[str, Localizer] = field(default_factory=dict)  # that the study compares
     altimeters: Mapping[str, Altimeter] = field(default_factory=dict)  # that the study compares
     backends: Mapping[str, Backend] = field(default_factory=dict)  # that the study compares
+    view_filters: Mapping[str, ViewFilter] = field(default_factory=dict)  # that the study compares
     default_distances: Mapping[str, Distance] = field(default_factory=dict)  # of each of `descriptors`, its own

@@ -58,8 +58,23 @@ def register_altimeters(register: Register) -> None:
 
 
 @hookspec
+def register_odometries(register: Register) -> None:
+    """From two images to the motion between them."""
+
+
+@hookspec
+def register_loop_closures(register: Register) -> None:
+    """From an image to the places on the robot's way that it shows again."""
+
+
+@hookspec
 def register_backends(register: Register) -> None:
     """From a pose graph to its optimum."""
+
+
+@hookspec
+def register_view_filters(register: Register) -> None:
+    """From odometry and views seen again to a map of views."""
 
 
 @hookspec

@@ -35,7 +35,10 @@ KINDS: dict[str, type[Any]] = {
     "distance": api.Distance,
     "localizer": api.Localizer,
     "altimeter": api.Altimeter,
+    "odometry": api.Odometry,
+    "loop_closure": api.LoopClosure,
     "backend": api.Backend,
+    "view_filter": api.ViewFilter,
     "study": api.Study,
     "sink": api.Sink,
 }
@@ -47,9 +50,11 @@ DICTS = {  # settings of a run that hold any number of a kind, by name
     "disturbances": "disturbance",
     "localizers": "localizer",
     "sinks": "sink",
+    "view_filters": "view_filter",
 }
 MANY = {"disturbance": "disturbances", "sink": "sinks"}  # kinds that have no slot beside: `disturbance=blur` goes there
-HOOKS = {kind: f"register_{kind}s" if kind != "study" else "register_studies" for kind in KINDS}
+PLURALS = {"odometry": "odometries", "study": "studies"}
+HOOKS = {kind: f"register_{PLURALS.get(kind, f'{kind}s')}" for kind in KINDS}
 COMMANDS_HOOK = "register_commands"
 
 

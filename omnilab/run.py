@@ -42,13 +42,17 @@ class Run:
     distance: Any = None  # null: the descriptor's default distance
     localizer: Any = None
     altimeter: Any = None
+    odometry: Any = None
+    loop_closure: Any = None
     backend: Any = None
+    view_filter: Any = None
     study: Any = MISSING
     descriptors: dict[str, Any] = field(default_factory=dict)  # that a study compares
     distances: dict[str, Any] = field(default_factory=dict)  # that a study compares them with
     localizers: dict[str, Any] = field(default_factory=dict)  # that a study compares
     altimeters: dict[str, Any] = field(default_factory=dict)  # that a study compares
     backends: dict[str, Any] = field(default_factory=dict)  # that a study compares
+    view_filters: dict[str, Any] = field(default_factory=dict)  # that a study compares
     disturbances: dict[str, Any] = field(default_factory=dict)  # of the queries, in the order they apply
     sinks: dict[str, Any] = field(default_factory=dict)
     map: str | None = None  # a map that another run saved, or that run's folder; it brings its descriptor and distance

@@ -13,6 +13,7 @@ from __future__ import annotations
 import pickle
 from collections.abc import Iterator
 from dataclasses import fields, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ import numpy as np
 from omnilab import api
 from omnilab.api import Bytes, Floats, Layout, Places, Signatures, Tick
 from omnilab.errors import DataError
-from omnilab.geometry import planar_poses
+from omnilab.geometry import planar_poses, wrap_angle
 from omnilab.graphs import arrivals, between, matrices, moved, vectors
 from omnilab.projection import PANORAMA_SHAPE, HyperbolicMirror, encode
 from omnilab.record import Recorder
@@ -225,6 +226,95 @@ def check_altimeter(altimeter: Any) -> None:
             "a batch gives other heights than its images one by one")  # fmt: skip
     black = altimeter.relative(np.zeros_like(images[:1]), np.zeros_like(images), camera)
     _expect(bool((black.confidence == 0).all()), "black images are told apart with a confidence above 0")
+
+
+def check_odometry(odometry: Any, frames: api.Frames) -> None:
+    """Frames of a short way (N at least 3, with their poses) are looked at one by one as in a batch; motions are sound.
+
+    Deterministic by seed; covariances are positive definite; pickles.
+    """
+    _common("odometry", odometry)
+    looks = odometry.look(frames)
+    _expect(len(looks) == len(frames) >= 3, f"{len(frames)} images are looked at as {len(looks)}")
+    _expect(not any(isinstance(look, api.Unusable) for look in looks), "images that were said to be good are unusable")
+    for before, now in pairwise(looks):
+        told = odometry.motion(before, now, np.random.default_rng(1))
+        again = odometry.motion(before, now, np.random.default_rng(1))
+        _expect(not told.failed, f"the motion between two good images is not told: {told.failed}")
+        _expect(told.unit != "", "motions have no unit; say 'm', or what lengths count")
+        _expect(np.shape(told.vector) == (3,) and bool(np.isfinite(told.vector).all()), f"a motion is {told.vector}")
+        _expect(np.array_equal(told.vector, again.vector), "the same seed gives another motion the second time")
+        _expect(np.shape(told.covariance) == (3, 3), f"covariances have shape {np.shape(told.covariance)}, not (3, 3)")
+        _expect(bool((np.linalg.eigvalsh(told.covariance) > 0).all()), "covariances are not positive definite")
+    (alone,) = odometry.look(frames.at(len(frames) - 1))
+    single = odometry.motion(looks[-2], alone, np.random.default_rng(1)).vector
+    _expect(bool(np.allclose(single, told.vector)), "an image looked at alone gives another motion than in a batch")
+
+
+def check_loop_closure(closure: Any, frames: api.Frames) -> None:
+    """Nodes are earlier ones, shapes agree, covariances are positive, two memories know nothing of each other; pickles."""
+    _common("loop_closure", closure)
+    found = []
+    for memory in (closure.begin(), closure.begin()):
+        rng = np.random.default_rng(1)
+        for i in range(len(frames)):
+            told = memory.recall(frames.at(i), None, 0.1, rng)
+            count = len(told.nodes)
+            _expect(i > 0 or count == 0, "the first image is recognised")
+            _expect(
+                bool((told.nodes < i).all()), f"image {i} is recognised as one that has not come before: {told.nodes}"
+            )
+            _expect(told.motions.shape == (count, 3), f"motions have shape {told.motions.shape}, not (K, 3)")
+            _expect(told.covariances.shape == (count, 3, 3), f"covariances have shape {told.covariances.shape}")
+            _expect(told.distances.shape == (count,), f"distances have shape {told.distances.shape}, not (K,)")
+            _expect(bool((np.linalg.eigvalsh(told.covariances) > 0).all()), "covariances are not positive definite")
+            found.append([*told.nodes.tolist(), *told.motions.ravel().tolist()])
+    _expect(found[: len(frames)] == found[len(frames) :], "a second memory answers otherwise than the first")
+
+
+def check_view_filter(view_filter: Any) -> None:
+    """A circle without noise, with views seen truly, is kept exactly; a wrong observation is not believed; pickles.
+
+    Covariances stay symmetric and positive; views are numbered as they come.
+    """
+    _common("view_filter", view_filter)
+    angle = np.linspace(0, 2 * np.pi, 25)
+    truth = np.column_stack([2 * np.cos(angle), 2 * np.sin(angle), wrap_angle(angle + np.pi / 2)])
+    small = np.diag([1e-4, 1e-4, 1e-4])
+    found = view_filter.begin(truth[0], 1e-6 * np.eye(3))
+    kept: list[Floats] = []
+    for i in range(1, len(truth)):
+        motion = between(truth, np.array([[i - 1, i]]))[0]
+        _expect(not found.predict(motion, small), "a plain step goes wrong")
+        far = [k for k, view in enumerate(kept) if np.hypot(*(view - truth[i])[:2]) > 0.7]
+        if far:
+            seen = np.array([_angles(truth[i], kept[k]) for k in far])
+            believed, said = found.observe(np.array(far), seen, np.tile(1e-4 * np.eye(2), (len(far), 1, 1)))
+            _expect(np.shape(believed) == (len(far),), "it does not say of each observation whether it is believed")
+            _expect(bool(np.all(believed)) and not said, f"true observations are not believed: {said}")
+        if i % 4 == 0:
+            _expect(found.add_view() == len(kept), "views are not numbered as they come")
+            kept.append(truth[i])
+    views, spreads = found.views()
+    pose, spread = found.pose()
+    _expect(bool(np.allclose(views[:, :2], np.array(kept)[:, :2], atol=1e-3)), "views are not where they were taken")
+    _expect(bool(np.allclose(pose[:2], truth[-1, :2], atol=1e-3)), "the robot is not where it is")
+    for one in (spread, *spreads):
+        _expect(
+            bool(np.allclose(one, one.T) and np.linalg.eigvalsh(one)[0] > 0), "a covariance is not positive definite"
+        )
+    wrong = _angles(truth[-1], kept[2]) + np.array([1.5, -1.0])
+    believed, _ = found.observe(np.array([2]), wrong[None], 1e-4 * np.eye(2)[None])
+    _expect(not believed[0], "an observation that is off by a radian is believed")
+    way = found.finish()
+    _expect(way.shape == truth.shape, f"the way has shape {way.shape}, not (T, 3)")
+    _expect(bool(np.allclose(way[:, :2], truth[:, :2], atol=1e-3)), "the way is not the true one")
+
+
+def _angles(robot: Floats, view: Floats) -> Floats:
+    """Bearing and relative orientation (2,) of a view (3,) from a robot's pose (3,)."""
+    x, y = (view - robot)[:2]
+    return np.asarray(wrap_angle([np.arctan2(y, x) - robot[2], view[2] - robot[2]]))
 
 
 def check_backend(backend: Any) -> None:

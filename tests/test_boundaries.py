@@ -29,11 +29,12 @@ CONTRACT = {
     "projection",
     "testing",
     "trajectories",
+    "trajectory_files",
 }  # "": omnilab itself
 LAYERS = (  # a module of omnilab imports from the layers before its own
     {"api", "errors", "geometry", "hooks"},
     {"cameras", "distortion", "graphs"},
-    {"graph_files", "trajectories"},
+    {"graph_files", "trajectories", "trajectory_files"},
     {"lenses", "mirrors"},
     {"noncentral", "ocam", "stereo"},
     {"calibration", "resample"},

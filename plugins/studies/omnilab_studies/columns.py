@@ -11,7 +11,6 @@ from omnilab.api import Floats, Ints, PathPoses, Plan, RandomPoses, Sensor
 from omnilab.errors import DataError
 from omnilab.geometry import planar_poses
 from omnilab_studies.scoring import known_poses
-from omnilab_studies.trajectories import column
 
 TOGETHER_M = 0.05  # positions that are one column, and heights that are the same
 
@@ -86,3 +85,10 @@ def columns_in(plan: Plan) -> list[Column]:
         problem = "is one image" if len(first.index) == 1 else f"has {len(first.index)} images of one height"
         raise DataError(f"{first} {problem}, and no other has more; give images of one spot at two heights or more")
     return tall
+
+
+def column(positions_m: Sequence[Sequence[float]], heights_m: Sequence[float]) -> Floats:
+    """`T_world_camera` (N, 4, 4) over each floor position (x, y), from the lowest of [low, high, step] to the highest."""
+    low, high, step = heights_m
+    heights = low + step * np.arange(int((high - low) / step + 1e-6) + 1)
+    return planar_poses(np.array([(x, y, z) for x, y in positions_m for z in heights]))

@@ -19,7 +19,7 @@ from omnilab.api import Bytes, Camera, Floats, Ints, Parts, Plan
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, quaternion_xyzw
 from omnilab.projection import ImageCircle, RayCamera, save_camera
-from omnilab_studies.trajectories import MATRIX, POSITION
+from omnilab.trajectory_files import MATRIX, POSITION
 
 ABOUT = "dataset.json"
 LARGEST_FILE = 64 * 2**20  # bytes, of dataset.json

@@ -34,14 +34,15 @@ from omnilab.api import (
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of
 from omnilab.projection import RayCamera, panorama
+from omnilab.trajectory_files import read_trajectory
 from omnilab_studies import figures
 from omnilab_studies.cloud import cloud_of, write_ply
+from omnilab_studies.columns import column
 from omnilab_studies.common import markdown_table
 from omnilab_studies.dataset import DataSet, contents_of
 from omnilab_studies.grids import check_extent, grid_poses
 from omnilab_studies.layouts import IMAGES
 from omnilab_studies.making import Found, Job, Made, made
-from omnilab_studies.trajectories import column, read_trajectory
 
 FRAME_NS = 100_000_000  # between images that were not recorded
 STEP_M = 0.4

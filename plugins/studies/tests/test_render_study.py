@@ -18,10 +18,11 @@ from omnilab.geometry import planar_poses, poses, rotation_xyz
 from omnilab.projection import EquirectangularCamera, ImageCircle, load_camera
 from omnilab.record import Recorder
 from omnilab.testing import check_study
+from omnilab.trajectory_files import read_trajectory
 from omnilab_studies import Render
+from omnilab_studies.columns import column
 from omnilab_studies.dataset import DataSet
 from omnilab_studies.render import Where
-from omnilab_studies.trajectories import column, read_trajectory
 
 CAMERA = EquirectangularCamera(24, 12)
 
@@ -382,7 +383,7 @@ def test_times_of_a_path_are_exact(tmp_path):
         ("p.csv", "x_m,y_m,z_m,qx,qy,qz\n1,2,3,0,0,0\n", "lacks qw; give all of qx, qy, qz, qw"),
         ("p.csv", "x_m,y_m,z_m,r00,r01,r02,r10,r11,r12,r20,r21,r22\n1,2,3,1,0,0,0,1,0,0,0,-1\n", "no rotation matrix"),
         ("p.csv", 'x_m,y_m,z_m\n1,2,"3\n', "no text of poses"),
-        ("absent.txt", None, "cannot be read .*study.path=FILE"),
+        ("absent.txt", None, "cannot be read .*TUM's format"),
     ],
 )  # fmt: skip
 def test_a_broken_path_is_told_by_line_and_column(tmp_path, name, text, fix):

@@ -1,4 +1,4 @@
-"""Poses from a file, in TUM's format or as a CSV, and poses above each other."""
+"""Poses from a file, in TUM's format or as a CSV."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from omnilab.api import Floats, Ints
 from omnilab.errors import DataError
-from omnilab.geometry import planar_poses, poses, rotation_of_quaternion, rotation_xyz
+from omnilab.geometry import poses, rotation_of_quaternion, rotation_xyz
 
 LARGEST_FILE = 256 * 2**20  # bytes
 MOST_POSES = 2_000_000
@@ -37,13 +37,6 @@ class Trajectory:
     stamps_ns: Ints | None  # (N,)
 
 
-def column(positions_m: Sequence[Sequence[float]], heights_m: Sequence[float]) -> Floats:
-    """`T_world_camera` (N, 4, 4) over each floor position (x, y), from the lowest of [low, high, step] to the highest."""
-    low, high, step = heights_m
-    heights = low + step * np.arange(int((high - low) / step + 1e-6) + 1)
-    return planar_poses(np.array([(x, y, z) for x, y in positions_m for z in heights]))
-
-
 def read_trajectory(file: Path) -> Trajectory:
     """Poses of a CSV (`*.csv`) with a header, or else of a file in TUM's format: `t tx ty tz qx qy qz qw`.
 
@@ -57,7 +50,9 @@ def read_trajectory(file: Path) -> Trajectory:
         with file.open(newline="", encoding="utf-8-sig") as stream:
             table = _Table(file, _csv(file, stream) if file.suffix.lower() == ".csv" else _tum(stream))
     except OSError as error:
-        raise DataError(f"the path {file} cannot be read ({error.strerror}); give study.path=FILE") from None
+        raise DataError(
+            f"the poses {file} cannot be read ({error.strerror}); give a file in TUM's format or a CSV"
+        ) from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise DataError(f"{file} is no text of poses ({error}); write TUM's format or a CSV") from None
     position = table.floats(TUM[1:4] if "tx" in table.header else POSITION)
