@@ -834,6 +834,7 @@ class Parts:
     distances: Mapping[str, Distance] = field(default_factory=dict)  # that it compares them with
     localizers: Mapping[str, Localizer] = field(default_factory=dict)  # that the study compares
     altimeters: Mapping[str, Altimeter] = field(default_factory=dict)  # that the study compares
+    odometries: Mapping[str, Odometry] = field(default_factory=dict)  # that join the run's own
     backends: Mapping[str, Backend] = field(default_factory=dict)  # that the study compares
     view_filters: Mapping[str, ViewFilter] = field(default_factory=dict)  # that the study compares
     default_distances: Mapping[str, Distance] = field(default_factory=dict)  # of each of `descriptors`, its own

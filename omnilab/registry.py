@@ -49,6 +49,7 @@ DICTS = {  # settings of a run that hold any number of a kind, by name
     "distances": "distance",
     "disturbances": "disturbance",
     "localizers": "localizer",
+    "odometries": "odometry",
     "sinks": "sink",
     "view_filters": "view_filter",
 }

@@ -51,6 +51,7 @@ class Run:
     distances: dict[str, Any] = field(default_factory=dict)  # that a study compares them with
     localizers: dict[str, Any] = field(default_factory=dict)  # that a study compares
     altimeters: dict[str, Any] = field(default_factory=dict)  # that a study compares
+    odometries: dict[str, Any] = field(default_factory=dict)  # that join the run's own
     backends: dict[str, Any] = field(default_factory=dict)  # that a study compares
     view_filters: dict[str, Any] = field(default_factory=dict)  # that a study compares
     disturbances: dict[str, Any] = field(default_factory=dict)  # of the queries, in the order they apply

@@ -20,11 +20,12 @@ class Mirror(VirtualCamera):
     a_mm: float = 40.0  # the hyperbola's a
     b_mm: float = 160.0  # the hyperbola's b
     rim_mm: float = 41.0  # from the mirror's apex up to its rim
+    margin_px: int = 0  # black columns on the left and on the right: a frame wider than high
 
     @property
     def camera(self) -> HyperbolicMirror:
         """The mirror and its camera."""
-        return HyperbolicMirror(self.size, self.crop, self.a_mm, self.b_mm, self.rim_mm)
+        return HyperbolicMirror(self.size, self.crop, self.a_mm, self.b_mm, self.rim_mm, margin_px=self.margin_px)
 
 
 @dataclass

@@ -18,6 +18,7 @@ from omnilab_studies.robustness import Robustness
 from omnilab_studies.room import Room
 from omnilab_studies.steps import Steps
 from omnilab_studies.topological_map import TopologicalMap
+from omnilab_studies.trajectory import Trajectory
 from omnilab_studies.views import Views
 
 __all__ = [
@@ -38,6 +39,7 @@ __all__ = [
     "Room",
     "Steps",
     "TopologicalMap",
+    "Trajectory",
     "Views",
 ]
 
@@ -62,3 +64,4 @@ def register_studies(register: Register) -> None:
     register("altitude", Altitude)
     register("joint", Joint)
     register("pose_graph", PoseGraphStudy)
+    register("trajectory", Trajectory)

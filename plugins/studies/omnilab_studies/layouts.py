@@ -175,6 +175,26 @@ GROWTH = ViewLayout(
     widths=(2, 2, 2),
 )
 
+TRAJECTORY = ViewLayout(
+    columns=(
+        (
+            Panel("map", "The map grows (white dots: the true way)", ("room", "truth", "map", "closures", "robot")),
+            Panel("map", "By odometry alone, and optimised", ("truth", "odometry", "final")),
+        ),
+        (
+            Panel("image", "Image", ("query/image",)),
+            Panel("image", "Where matches moved to (green: they agree with the motion)", ("query/panorama",)),
+            Panel("plot", "ms for each image", ("time/image",)),
+        ),
+        (
+            Panel("plot", "Position error after alignment", ("error",)),
+            Panel("text", "Result", ("summary",)),
+            Panel("log", "Log", ("log",)),
+        ),
+    ),
+    widths=(3, 2, 2),
+)
+
 
 def comparison(curves: Sequence[str] = ()) -> ViewLayout:
     """Images on the left, then a panel for each of the named curves in up to two columns, then the result."""

@@ -1,0 +1,464 @@
+"""The study of trajectories on plain parts: mapping image by image, bridges, unknown scales, judging, exports."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import least_squares
+
+from omnilab.api import (
+    Circle,
+    Closures,
+    Frames,
+    Graph,
+    Image,
+    Motion,
+    NamedPath,
+    Optimized,
+    Parts,
+    PathPoses,
+    Plan,
+    Pose,
+    PoseGraph,
+    Text,
+    Unusable,
+)
+from omnilab.errors import ConfigError, DataError
+from omnilab.geometry import heading_of, planar_poses, wrap_angle
+from omnilab.graph_files import read_graph
+from omnilab.graphs import between, chi2, edge_chi2, inverse, matrices, moved, residuals, vectors
+from omnilab.projection import ImageCircle
+from omnilab.record import Recorder
+from omnilab.testing import check_study
+from omnilab.trajectory_files import read_trajectory
+from omnilab_studies import Trajectory
+from omnilab_studies.displacements import drawn
+from omnilab_studies.loops import judge
+from omnilab_studies.mapper import Mapper
+from omnilab_studies.scales import optimize
+from omnilab_studies.sources import Source
+from omnilab_studies.trajectory import jittered
+
+CAMERA = ImageCircle(16, 16, Circle(7.5, 7.5, 8))
+LAP = 24
+
+
+def lap(count: int = LAP + 2, radius: float = 2.0):
+    """Poses on a circle, headed along it; the last two lie over the first two."""
+    angle = 2 * np.pi * np.arange(count) / LAP
+    return planar_poses(
+        np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.ones(count)]), wrap_angle(angle + np.pi / 2)
+    )
+
+
+@dataclass
+class Ring:
+    """Drives round; an image is its number."""
+
+    count: int = LAP + 2
+    black: list[int] = field(default_factory=list)
+    stamps: list[int] | None = None
+    known: bool = True
+    asked: list[Any] = field(default_factory=list)
+
+    def plan(self, layout):
+        self.asked.append(layout)
+        T = layout.T_world_camera if isinstance(layout, PathPoses) else lap(self.count)
+        return Plan([f"{i}.png" for i in range(len(T))], T if self.known else None)
+
+    def frames(self, plan):
+        for start in range(0, len(plan), 7):
+            part = np.arange(start, min(start + 7, len(plan)))
+            images = np.full((len(part), 16, 16), 9, np.uint8)
+            images[:, 8, 8] = part + 10
+            images[np.isin(part, self.black)] = 0
+            stamps = part * 100 if self.stamps is None else np.array(self.stamps)[part]
+            T = None if plan.T_world_camera is None else plan.T_world_camera[part]
+            yield Frames(images, [plan.keys[i] for i in part], stamps, CAMERA, part, T)
+
+    def scene(self):
+        return None
+
+
+@dataclass
+class Told:
+    """Tells the circle's true motions, lengths in its own unit, with noise by the seed."""
+
+    factor: float = 1.0
+    unit: str = "m"
+    noise: float = 0.0
+    fails: list[int] = field(default_factory=list)
+
+    def look(self, frames):
+        return [int(i[8, 8]) - 10 if i.any() else Unusable("black") for i in frames.images]
+
+    def motion(self, before, now, rng):
+        if now in self.fails:
+            return Motion(np.full(3, np.nan), np.eye(3), self.unit, "nothing matches")
+        vector = true_motion(before, now) * [self.factor, self.factor, 1] + self.noise * rng.standard_normal(3)
+        matches = np.array([[[0.1, 0.5], [0.2, 0.5]], [[1.0, 0.5], [0.9, 0.5]]])
+        agree = np.array([True, False])
+        return Motion(vector, 0.01**2 * np.eye(3), self.unit, "", matches, agree, window_rad=0.0)
+
+
+def true_motion(before, now):
+    T = lap(max(before, now) + 1)
+    return vectors((inverse(T[before]) @ T[now])[None], planar=True)[0]
+
+
+@dataclass
+class Everything:
+    """Recognises the places of the first lap in the second, and, if it is told, a wrong one."""
+
+    wrong: dict[int, int] = field(default_factory=dict)
+
+    def begin(self):
+        return Seen(self)
+
+
+class Seen:
+    def __init__(self, settings):
+        self.settings, self.count = settings, 0
+        self.steps = []
+
+    def recall(self, frames, look, step, rng):
+        node, self.count = self.count, self.count + 1
+        self.steps.append(step)
+        nodes = [node - LAP] * (node >= LAP) + [old for new, old in self.settings.wrong.items() if new == node]
+        count = len(nodes)
+        spread = np.tile(1e-4 * np.eye(3), (count, 1, 1))
+        return Closures(np.array(nodes, int), np.zeros((count, 3)), spread, np.zeros(count), count)
+
+
+@dataclass
+class Least:
+    """The least squares of scipy; online, each guess is believed."""
+
+    def optimize(self, graph, covariances=False):
+        roots = np.linalg.cholesky(graph.information)
+
+        def off(x):
+            poses = np.concatenate([graph.poses[:1], x.reshape(-1, 3)])
+            return np.einsum("eji,ej->ei", roots, residuals(graph, poses)).ravel()
+
+        found = least_squares(off, graph.poses[1:].ravel())
+        poses = np.concatenate([graph.poses[:1], found.x.reshape(-1, 3)])
+        weights = (edge_chi2(graph, poses) < 1e6).astype(float)
+        return Optimized(poses, chi2(graph), chi2(graph, poses), found.nfev, weights)
+
+    def begin(self, first_pose):
+        return Chain([first_pose])
+
+
+class Chain:
+    def __init__(self, poses):
+        self.all = poses
+
+    def add(self, pose, edges, motions, information):
+        assert edges.max() == len(self.all)
+        assert np.linalg.eigvalsh(information).min() > 0
+        self.all.append(pose)
+        return []
+
+    def pose(self, number):
+        return self.all[number]
+
+    def poses(self):
+        return np.array(self.all)
+
+
+class Watching(Recorder):
+    """Keeps what is logged."""
+
+    def __init__(self):
+        super().__init__()
+        self.logged = []
+
+    def log(self, path, record, tick=None):
+        self.logged.append((path, record, tick))
+
+    def of(self, path):
+        return [(record, tick) for at, record, tick in self.logged if at == path]
+
+
+def parts(**changed):
+    ready = {"sensor": Ring(), "odometry": Told(), "loop_closure": Everything(), "backend": Least()}
+    return Parts(**{**ready, **changed})
+
+
+def run(study=None, record=None, seed=3, **changed):
+    return (study or Trajectory()).run(parts(**changed), record or Recorder(), np.random.default_rng(seed))
+
+
+def values(report):
+    return {metric.name: metric.value for metric in report.metrics}
+
+
+def test_it_keeps_the_contract_of_studies():
+    check_study(Trajectory(jitter=0.1), parts(odometry=Told(noise=0.02)))
+
+
+def test_true_motions_make_the_true_way_whatever_their_unit():
+    for told, scale in ((Told(), 1.0), (Told(2.5, "1"), 1 / 2.5)):
+        found = values(run(odometry=told))
+        assert found["ate"] == pytest.approx(0, abs=1e-6)
+        assert found["odometry_ate"] == pytest.approx(0, abs=1e-6)
+        assert found["scale"] == pytest.approx(scale, rel=1e-6)
+        assert (found["closures"], found["closure_precision"]) == (2, 1)
+        assert found["closure_recall"] == 2 / 4  # the last two of the first lap are as near as two steps to its start
+        assert found["step_rotation_error_median"] == pytest.approx(0, abs=1e-6)
+        assert found["step_length_spread"] == pytest.approx(0, abs=1e-9)
+        assert (found["images"], found["bridged_steps"], found["problems"]) == (LAP + 2, 0, 0)
+
+
+def test_loops_mend_what_odometry_spoils():
+    found = values(run(odometry=Told(noise=0.03)))
+    assert found["ate"] < found["odometry_ate"]
+    assert found["online_ate"] <= found["odometry_ate"] * 1.01
+
+
+def test_a_mirrored_way_is_not_aligned():
+    @dataclass
+    class Mirrored(Told):
+        def motion(self, before, now, rng):
+            told = super().motion(before, now, rng)
+            return replace(told, vector=told.vector * [1, -1, -1])
+
+    assert values(run(odometry=Mirrored(), loop_closure=Everything()))["odometry_ate"] > 1
+
+
+def test_a_black_image_is_bridged_and_the_next_one_compared_with_the_last_good_one():
+    record = Watching()
+    report = run(record=record, sensor=Ring(black=[5]))
+    found, table = values(report), report.tables["steps"]
+    assert found["bridged_steps"] == 1
+    assert table["bridged"][5] == "black"
+    assert any("5.png: black" in r.text for r, _ in record.of("log"))
+    off = np.hypot(table["final_x_m"] - table["true_x_m"], table["final_y_m"] - table["true_y_m"])
+    assert np.delete(off, 5).max() < 0.02  # the black one hangs on a loose bridge, and pulls at the alignment
+    assert off[5] < 0.5
+
+
+@pytest.mark.parametrize("sensor", [Ring(black=[0]), Ring(black=[0, 1]), Ring(black=[LAP + 1]), Ring(black=[4, 5, 6])])
+def test_black_images_anywhere_cost_no_map(sensor):
+    report = run(sensor=sensor)
+    bridged = [i for i, why in enumerate(report.tables["steps"]["bridged"]) if why]
+    assert set(sensor.black) <= set(bridged)
+    assert len(report.tables["steps"]["image"]) == LAP + 2
+    assert values(report)["ate"] < 1
+
+
+def test_a_failed_step_is_bridged_by_the_last_one():
+    report = run(odometry=Told(fails=[7]))
+    found, table = values(report), report.tables["steps"]
+    assert (found["bridged_steps"], table["bridged"][7]) == (1, "nothing matches")
+    assert found["ate"] < 0.25  # it went on ahead: the turn of one step is missing, until the loop is closed
+    assert found["odometry_ate"] > found["ate"]
+
+
+def test_another_odometry_bridges_what_the_own_one_cannot_tell():
+    report = run(odometry=Told(2.0, "1", fails=[7, 8]), odometries={"wheels": Told()})
+    found = values(report)
+    assert found["bridged_steps"] == 2
+    assert found["odometry_ate"] == pytest.approx(0, abs=1e-6)
+    assert found["factor_0"] == pytest.approx(0.5, rel=1e-4)
+
+
+def test_a_gap_in_time_is_bridged():
+    stamps = [100 * i + (900 if i > 12 else 0) for i in range(LAP + 2)]
+    report = run(sensor=Ring(stamps=stamps))
+    why = report.tables["steps"]["bridged"]
+    assert [i for i, reason in enumerate(why) if reason] == [13]
+    assert "10 times the usual time" in why[13]
+    assert values(report)["ate"] < 0.05  # what was told is the guess
+
+
+def test_images_out_of_time_order_are_refused():
+    stamps = [100 * i for i in range(LAP + 2)]
+    stamps[9] = 750
+    with pytest.raises(DataError, match=r"9\.png was taken .* before the one it follows"):
+        run(sensor=Ring(stamps=stamps))
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_a_sequence_of_one_image_is_refused(count):
+    with pytest.raises(DataError, match=f"a sequence of {count} image"):
+        run(sensor=Ring(count=count))
+
+
+def test_a_backend_that_takes_no_poses_as_they_come_is_refused():
+    @dataclass
+    class Whole:
+        def optimize(self, graph, covariances=False):
+            raise AssertionError
+
+    with pytest.raises(ConfigError, match="Whole takes no poses as they come"):
+        run(backend=Whole())
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"images": Source.grid}, "makes no trajectory"),
+        ({"jitter": 0.5}, "change the order"),
+        ({"gap": 1.0}, "usual steps"),
+        ({"same_place_m": 0.0}, "metres above 0"),
+        ({"show": 0}, "shows nothing"),
+    ],
+)
+def test_settings_that_mean_nothing_are_refused(wrong, said):
+    with pytest.raises(ConfigError, match=said):
+        Trajectory(**wrong)
+
+
+def test_recorded_images_without_poses_are_mapped_and_not_measured():
+    report = run(Trajectory(images=Source.recorded), sensor=Ring(known=False))
+    found = values(report)
+    assert (found["images"], found["closures"]) == (LAP + 2, 2)
+    assert "ate" not in found
+    assert "errors" not in report.figures
+    assert "truth.tum" not in report.files
+    with pytest.raises(ConfigError, match="would move recorded images"):
+        run(Trajectory(images=Source.recorded, jitter=0.1), sensor=Ring())
+
+
+def test_the_way_comes_from_a_name_or_from_a_file(tmp_path):
+    sensor = Ring()
+    run(Trajectory(path="route", height_m=0.5), sensor=sensor)
+    assert sensor.asked == [NamedPath("route", 0.5)]
+    (tmp_path / "way.csv").write_text("x_m,y_m,z_m\n" + "".join(f"{i},0,1\n" for i in range(5)))
+    report = run(Trajectory(path=str(tmp_path / "way.csv")), sensor=Ring())
+    assert values(report)["images"] == 5
+
+
+def test_the_files_read_back_as_the_trajectories_and_the_graph(tmp_path):
+    report = run(odometry=Told(2.0, "1", noise=0.02), odometries={"wheels": Told(noise=0.01)})
+    for name, text in report.files.items():
+        (tmp_path / name).write_text(text)
+    table = report.tables["steps"]
+    truth = read_trajectory(tmp_path / "truth.tum")
+    assert truth.T_world_camera[:, 0, 3] == pytest.approx(table["true_x_m"])
+    assert truth.stamps_ns.tolist() == list(table["stamp_ns"])
+    graph = read_graph(tmp_path / "graph.g2o")
+    final = read_trajectory(tmp_path / "final.tum").T_world_camera
+    assert graph.poses[:, :2] == pytest.approx(final[:, :2, 3])
+    assert len(graph.edges) == 2 * (LAP + 1) + 2
+    # lengths are in one unit: those of the odometry that counts otherwise, too
+    steps = graph.edges[:, 1] - graph.edges[:, 0] == 1
+    lengths = np.hypot(*graph.motions[steps, :2].T)
+    assert lengths == pytest.approx(2 * 2 * np.sin(np.pi / LAP), rel=0.2)
+    assert len(report.files["final.kitti"].splitlines()) == LAP + 2
+
+
+def test_closures_flash_and_the_robot_moves_over_the_truth():
+    record = Watching()
+    run(record=record, odometry=Told(3.0, "1"))
+    flashes = [(tick.step, len(r.edges)) for r, tick in record.of("closures")]
+    assert flashes == [(LAP, 1), (LAP + 1, 1)]
+    robot = np.array([r.T_world_camera for r, _ in record.of("robot") if isinstance(r, Pose)])
+    assert robot[:, :3, 3] == pytest.approx(lap()[:, :3, 3], abs=1e-6)  # scaled as the true way says
+    (last,) = [r for r, _ in record.of("final/final")]
+    assert isinstance(last, Graph)
+    assert last.position_m == pytest.approx(lap()[:, :3, 3], abs=1e-5)
+    assert all(isinstance(r, Image) for r, _ in record.of("query/panorama"))
+    assert sum(isinstance(r, Text) and r.markdown for r, _ in record.of("summary")) == 1
+
+
+def test_a_backend_of_its_own_may_reject_wrong_closures():
+    report = run(loop_closure=Everything(wrong={12: 2}), backends={"least": Least(), "again": Least()})
+    found = values(report)
+    assert found["closure_precision"] == pytest.approx(2 / 3)
+    assert list(found)[:2] == ["least_ate", "again_ate"]
+    assert report.tables["closures"]["right"].tolist() == [0, 1, 1]
+
+
+# ------------------------------------------------------------------------------------------------------------ its parts
+@settings(max_examples=25, deadline=None)
+@given(factor=st.floats(0.05, 20), seed=st.integers(0, 1000))
+def test_an_unknown_factor_is_found_exactly(factor, seed):
+    rng = np.random.default_rng(seed)
+    truth = np.column_stack([rng.uniform(-2, 2, (6, 2)), rng.uniform(-3, 3, 6)])
+    chain = np.column_stack([np.arange(5), np.arange(1, 6)])
+    edges = np.concatenate([chain, [[0, 3], [0, 5]]])
+    motions = between(truth, edges)
+    motions[:5, :2] /= factor
+    information = np.tile(100 * np.eye(3), (7, 1, 1))
+    information[:5, :2, :2] *= factor**2
+    graph = PoseGraph(
+        np.arange(6), truth + [0.1, -0.1, 0.05] * (np.arange(6) > 0)[:, None], edges, motions, information
+    )
+    found, factors = optimize(Least(), graph, np.array([0] * 5 + [-1] * 2), np.array([1.3 * factor]))
+    assert factors[0] == pytest.approx(factor, rel=1e-3)
+    assert found.poses[:, :2] == pytest.approx(truth[:, :2], abs=0.01)
+
+
+def test_without_unknown_factors_the_graph_is_optimised_once():
+    graph = PoseGraph(np.arange(2), np.zeros((2, 3)), np.array([[0, 1]]), np.array([[1.0, 0, 0]]), np.eye(3)[None])
+    found, factors = optimize(Least(), graph, np.array([-1]), np.array([0.7]))
+    assert found.poses[1] == pytest.approx([1, 0, 0])
+    assert factors.tolist() == [0.7]
+
+
+def test_the_mapper_tells_closures_the_usual_step_in_the_own_unit():
+    sensor, memory = Ring(), Everything().begin()
+    mapper = Mapper([Told(3.0, "1"), Told()], memory, Chain([np.zeros(3)]), gap=3)
+    for frames in sensor.frames(sensor.plan(NamedPath(""))):
+        for i in range(len(frames)):
+            mapper.take(frames.at(i), np.random.default_rng(0))
+    step = 2 * 2 * np.sin(np.pi / LAP)
+    assert memory.steps[-1] == pytest.approx(3 * step)
+    assert (mapper.unit, mapper.factors[0]) == ("m", pytest.approx(1 / 3))
+    assert set(mapper.groups.tolist()) == {0, -1}
+    assert matrices(mapper.poses())[:, :3] == pytest.approx((inverse(lap()[0]) @ lap())[:, :3], abs=1e-9)
+
+
+def test_closures_are_judged_by_where_images_were_taken():
+    truth = lap()
+    judged = judge(np.array([[0, LAP], [3, 15], [2, 1 + LAP]]), truth, same_place_m=0.6)
+    assert judged.right.tolist() == [True, False, True]
+    assert judged.again.sum() == 2 + 1  # the last of the first lap is near its first, too
+    assert judged.precision == pytest.approx(2 / 3)
+    assert judged.recall(np.array([[0, LAP], [3, 15], [2, 1 + LAP]])) == pytest.approx(2 / 3)
+    nothing = judge(np.zeros((0, 2), int), truth, None)
+    assert np.isnan(nothing.precision)
+    assert nothing.recall(np.zeros((0, 2), int)) == 0
+
+
+@settings(max_examples=30, deadline=None)
+@given(share=st.floats(0, 0.49), seed=st.integers(0, 1000))
+def test_jittered_poses_stay_on_the_way_and_in_order(share, seed):
+    shift = np.random.default_rng(seed).uniform(-share, share, 9)
+    straight = planar_poses(np.column_stack([np.arange(9.0), np.zeros(9), np.ones(9)]), 0.5 * np.arange(9.0))
+    moved_on = jittered(straight, shift)
+    at = moved_on[:, 0, 3]
+    assert at == pytest.approx(np.clip(np.arange(9) + shift, 0, 8))
+    assert (np.diff(at) > 0).all()
+    assert np.unwrap(heading_of(moved_on)) == pytest.approx(0.5 * at)  # across half a turn, too
+
+
+def test_matches_are_drawn_from_where_a_mere_turn_would_leave_them():
+    black = Frames(np.zeros((1, 16, 16), np.uint8), ["a"], np.zeros(1, int), CAMERA, np.zeros(1, int))
+    turn = 0.3
+    stays = np.array([[[1.0, 0.5], [1.0 - turn, 0.5]], [[2.0, 0.5], [2.2 - turn, 0.5]]])
+    motion = Motion(np.array([1, 0, turn]), np.eye(3), "m", "", stays, np.array([True, False]))
+    picture = drawn(black, motion)
+    red, green = (picture[:, :, channel].astype(int) for channel in (0, 1))
+    good, bad = ((one - other > 60).any(axis=0) for one, other in ((green, red), (red, green)))
+    assert np.ptp(np.flatnonzero(good)) <= 6  # no more than its dot
+    assert np.ptp(np.flatnonzero(bad)) == pytest.approx(0.2 / (2 * np.pi) * picture.shape[1], abs=4)
+    column = picture.shape[1] - 1 - (1.0 - turn) / (2 * np.pi) * picture.shape[1]
+    assert np.flatnonzero(good).mean() == pytest.approx(column, abs=1.5)  # azimuth falls to the right
+
+
+def test_the_winning_half_is_bright():
+    grey = Frames(np.full((1, 16, 16), 100, np.uint8), ["a"], np.zeros(1, int), CAMERA, np.zeros(1, int))
+    picture = drawn(grey, Motion(np.zeros(3), np.eye(3), "m", window_rad=0.0))[:, ::-1]
+    half = picture.shape[1] // 2
+    assert picture[:, :half].mean() == pytest.approx(100, abs=1)
+    assert picture[:, half:].mean() == pytest.approx(50, abs=1)
+    assert moved(np.zeros(3), np.array([1.0, 0, 0])).tolist() == [1, 0, 0]
