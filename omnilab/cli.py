@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import inspect
 import re
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
 
@@ -43,9 +45,28 @@ def _dispatch(argv: list[str]) -> int:
         return 0
     if argv and re.fullmatch(r"[a-z]+", argv[0]):
         return _plugins_command(argv[0])(argv[1:])
-    from omnilab.experiment import experiment
+    with _uninterrupted():
+        from omnilab.experiment import experiment
 
-    return experiment(argv, discover_loudly())
+        registry = discover_loudly()
+    return experiment(argv, registry)
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Ctrl-C waits until all is imported: libraries with a bare `except` would swallow it there."""
+    came: list[int] = []
+    try:
+        before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    except ValueError:  # not in the main thread: whoever runs us there has signals in hand
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if came:
+        raise KeyboardInterrupt
 
 
 def _plugins_command(name: str) -> hooks.Command:

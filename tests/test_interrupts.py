@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -16,6 +17,9 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from rerun.chunk import RrdReader
+
+from omnilab import cli
+from omnilab.registry import Registry
 
 SCRIPT = Path(sys.executable).with_name("omnilab")
 WORLD = Path(__file__).with_name("box_world.yaml")
@@ -216,3 +220,18 @@ def test_a_killed_run_can_be_mended(start, omnilab_here):
     again = omnilab_here("repair", str(run.folder))
     assert again.rc == 0
     assert "nothing to repair" in again.stderr
+
+
+def test_ctrl_c_that_a_library_would_swallow_is_not_lost(monkeypatch):
+    def importing():
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.2)
+        except BaseException:  # noqa: BLE001  as some libraries do
+            pass
+        return Registry()
+
+    monkeypatch.setattr(cli, "discover", importing)
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["experiment=quickstart"])
+    assert ended.value.code == 130
