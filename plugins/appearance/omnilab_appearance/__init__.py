@@ -1,6 +1,8 @@
 """Global-appearance descriptors, distances, localizers and altimeters, and disturbances: all that numpy, scipy, numba and OpenCV can do."""
 
 from omnilab.hooks import Register, hookimpl
+from omnilab_appearance.appearance import Appearance
+from omnilab_appearance.appearance_fit import AppearanceFit
 from omnilab_appearance.blur import Blur
 from omnilab_appearance.color_shift import ColorShift
 from omnilab_appearance.cosine import Cosine
@@ -21,6 +23,7 @@ from omnilab_appearance.noise import GaussianNoise, ListingNoise, UniformNoise
 from omnilab_appearance.occlusion import Occlusion
 from omnilab_appearance.onnx import Onnx
 from omnilab_appearance.pearson import Pearson
+from omnilab_appearance.planar_epipolar import PlanarEpipolar
 from omnilab_appearance.poc import Poc
 from omnilab_appearance.poc_band import PocBand
 from omnilab_appearance.poc_squared import PocSquared
@@ -41,6 +44,8 @@ from omnilab_appearance.tiny_image import TinyImage
 from omnilab_appearance.weighted import Cityblock, Weighted
 
 __all__ = [
+    "Appearance",
+    "AppearanceFit",
     "Blur",
     "Cityblock",
     "ColorShift",
@@ -64,6 +69,7 @@ __all__ = [
     "Occlusion",
     "Onnx",
     "Pearson",
+    "PlanarEpipolar",
     "Poc",
     "PocBand",
     "PocSquared",
@@ -146,3 +152,10 @@ def register_altimeters(register: Register) -> None:
     register("radon_compression", RadonCompression)
     register("feature_altitude", FeatureAltitude)
     register("floor_and_walls", FloorAndWalls)
+
+
+@hookimpl
+def register_odometries(register: Register) -> None:
+    register("appearance", Appearance)
+    register("appearance_fit", AppearanceFit)
+    register("planar_epipolar", PlanarEpipolar)
