@@ -15,6 +15,7 @@ from omnilab_appearance.fourier_signature import FourierSignature
 from omnilab_appearance.gist import Gist
 from omnilab_appearance.hierarchical import Hierarchical
 from omnilab_appearance.hog import Hog
+from omnilab_appearance.hog_threshold import HogThreshold
 from omnilab_appearance.interpolated import Interpolated
 from omnilab_appearance.light import Light
 from omnilab_appearance.log import Log
@@ -41,6 +42,7 @@ from omnilab_appearance.spring import Spring
 from omnilab_appearance.surf import Surf
 from omnilab_appearance.tilt import Tilt
 from omnilab_appearance.tiny_image import TinyImage
+from omnilab_appearance.verified import Verified
 from omnilab_appearance.weighted import Cityblock, Weighted
 
 __all__ = [
@@ -61,6 +63,7 @@ __all__ = [
     "Gist",
     "Hierarchical",
     "Hog",
+    "HogThreshold",
     "Interpolated",
     "Light",
     "ListingNoise",
@@ -88,6 +91,7 @@ __all__ = [
     "Tilt",
     "TinyImage",
     "UniformNoise",
+    "Verified",
     "Weighted",
 ]
 
@@ -159,3 +163,9 @@ def register_odometries(register: Register) -> None:
     register("appearance", Appearance)
     register("appearance_fit", AppearanceFit)
     register("planar_epipolar", PlanarEpipolar)
+
+
+@hookimpl
+def register_loop_closures(register: Register) -> None:
+    register("hog_threshold", HogThreshold)
+    register("verified", Verified)
