@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnilab.api import CalibratedCamera, Floats, Frames, Motion, Unusable
+from omnilab.api import CalibratedCamera, Floats, Frames, Ints, Motion, Unusable
 from omnilab.errors import ConfigError
 from omnilab.projection import view_of
 from omnilab_appearance.lengths import floor_length, poc_length
@@ -88,14 +88,12 @@ class PlanarEpipolar:
     def motion(self, before: Seen, now: Seen, rng: np.random.Generator) -> Motion:
         """Turn and direction by the matches, the length by the floor or by phase-only correlation."""
         one, other, pose = self.relative(before.sighting, now.sighting, rng)
-        p, q = directions_of(before.sighting)[one], directions_of(now.sighting)[other]
         seen = np.stack([before.sighting.azimuth_level[one], now.sighting.azimuth_level[other]], 1)
         told: dict[str, Any] = {"unit": self.unit, "matches": seen, "agree": pose.agree}
         if pose.failed:
             return Motion(np.array([np.nan, np.nan, pose.phi_rad]), np.eye(3), failed=pose.failed, **told)
         if self.length is Length.floor:
-            good = pose.agree
-            length, sigma, failed = floor_length(p[good], turned_back(q[good], pose.phi_rad), pose.beta_rad)
+            length, sigma, failed = self.floor(before.sighting, now.sighting, one, other, pose)
             if failed:
                 return Motion(np.array([np.nan, np.nan, pose.phi_rad]), np.eye(3), failed=failed, **told)
             scale = self.height_m or 1.0
@@ -108,12 +106,21 @@ class PlanarEpipolar:
         vector, covariance = planar_motion(pose, length, sigma)
         return Motion(vector, self.caution**2 * covariance, **told)
 
-    def relative(self, before: Sighting, now: Sighting, rng: np.random.Generator) -> tuple[Any, Any, RelativePose]:
+    def relative(self, before: Sighting, now: Sighting, rng: np.random.Generator) -> tuple[Ints, Ints, RelativePose]:
         """Matching features (M,) of two pictures, and the relative pose that they tell."""
         one, other = matches(before, now, self.ratio)
         p, q = directions_of(before)[one], directions_of(now)[other]
         tolerance = float(np.deg2rad(self.tolerance_deg))
         return one, other, relative_pose(p, q, rng, self.solver, tolerance, self.draws, self.least)
+
+    def floor(
+        self, before: Sighting, now: Sighting, one: Ints, other: Ints, pose: RelativePose
+    ) -> tuple[float, float, str]:
+        """The length of a motion in heights of the camera, its standard deviation, and why it cannot be told."""
+        if pose.failed:
+            return np.nan, np.nan, pose.failed
+        p, q = directions_of(before)[one[pose.agree]], directions_of(now)[other[pose.agree]]
+        return floor_length(p, turned_back(q, pose.phi_rad), pose.beta_rad)
 
 
 def directions_of(sighting: Sighting) -> Floats:

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnilab.api import CalibratedCamera, Closures, Frames, Ints, Unusable
+from omnilab.api import CalibratedCamera, Closures, Floats, Frames, Ints, Unusable
 from omnilab.errors import ConfigError
 from omnilab.projection import view_of
-from omnilab_appearance.hog_threshold import check_memory, closures, hog_of, none
-from omnilab_appearance.planar_epipolar import PlanarEpipolar, Seen
+from omnilab_appearance.hog_threshold import check_memory, hog_of, none
+from omnilab_appearance.planar_epipolar import PlanarEpipolar, Seen, planar_motion
 from omnilab_appearance.radon import Radon
 from omnilab_appearance.radon_hog import RadonHog
 from omnilab_appearance.remembered import Remembered
 from omnilab_appearance.sightings import Sighting
+
+EVERY = 5  # images: how often the length of a step is measured
+LEAST = 0.2  # usual steps: standard deviation of a position, at least
 
 
 @dataclass
@@ -23,7 +26,8 @@ class Verified:
     """Earlier images whose HOG of the Radon transform is most alike, of which local features confirm one place.
 
     They do so where enough matches agree with one motion in the plane, and have moved little besides the turn: that is
-    what tells the same place from the same room. The turn is that of the geometry. Images taken shortly before are left
+    what tells the same place from the same room. Turn and direction are those of the geometry; the length is told by the
+    floor, in usual steps, of which now and then one is measured in the same way. Images taken shortly before are left
     out, and candidates that are much less alike than an image and the one before it.
     """
 
@@ -35,7 +39,7 @@ class Verified:
     parallax_deg: float = 4.0  # root mean square, of matches that agree: at most
     exclude: int = 30  # images just before that are not compared with
     most: int = 1  # closures of an image, those that moved least
-    reach: float = 1.0  # standard deviation of the position, in usual steps
+    reach: float = 1.0  # standard deviation of the position where the floor tells no length, in usual steps
     turn_sigma_deg: float = 0.5  # and of the heading, at least
     cells: int = 16  # of the HOG
     bins: int = 8  # of the HOG
@@ -58,6 +62,15 @@ class Verified:
         return VerifiedMemory(self)
 
 
+class Confirmed(NamedTuple):
+    """A node that shows the place of an image."""
+
+    parallax_rad: float
+    node: int
+    motion: Floats  # (3,)
+    covariance: Floats  # (3, 3)
+
+
 class VerifiedMemory:
     """Descriptions and features of all images so far."""
 
@@ -65,6 +78,7 @@ class VerifiedMemory:
         self._settings, self._hogs = settings, Remembered()
         self._sightings: list[Sighting | None] = []  # None of what is unusable
         self._steps: list[float] = []  # distances between images that follow each other
+        self._heights: list[float] = []  # lengths of some steps, in heights of the camera
 
     def recall(self, frames: Frames, look: Any, step: float, rng: np.random.Generator) -> Closures:
         """See `omnilab.api.Memory`."""
@@ -76,14 +90,28 @@ class VerifiedMemory:
         if sighting is None or len(self._hogs) < 2:
             return none(0)
         self._steps.append(float(self._hogs.distances(0)[-1]))
+        if len(self._hogs) % EVERY == 0:
+            self._measure(rng)
         distances = self._hogs.distances(s.exclude)
         likely = np.argsort(distances, kind="stable")[: s.candidates]
         likely = likely[distances[likely] <= s.alike * np.median(self._steps)]
-        confirmed = [found for node in likely.tolist() if (found := self._confirmed(node, sighting, rng))]
-        confirmed = sorted(confirmed)[: s.most]
-        nodes: Ints = np.array([node for _, node, _, _ in confirmed], int)
-        turns, sigmas = (np.array([found[k] for found in confirmed]) for k in (2, 3))
-        return closures(nodes, turns, sigmas, s.reach * step, distances[nodes], len(likely))
+        confirmed = [found for node in likely.tolist() if (found := self._confirmed(node, sighting, step, rng))]
+        confirmed = sorted(confirmed, key=lambda found: found.parallax_rad)[: s.most]
+        nodes: Ints = np.array([found.node for found in confirmed], int)
+        return Closures(
+            nodes, np.array([found.motion for found in confirmed]).reshape(-1, 3),
+            np.array([found.covariance for found in confirmed]).reshape(-1, 3, 3), distances[nodes], len(likely),
+        )  # fmt: skip
+
+    def _measure(self, rng: np.random.Generator) -> None:
+        """How long the last step was, in heights of the camera above the floor."""
+        before, now = self._sightings[-2:]
+        if before is not None and now is not None:
+            length, _, failed = self._settings.geometry.floor(
+                before, now, *self._settings.geometry.relative(before, now, rng)
+            )
+            if not failed:
+                self._heights.append(length)
 
     def _sighting(self, frames: Frames, look: Any) -> Sighting | None:
         """The image's features: those that the odometry has found already, or else its own."""
@@ -99,15 +127,21 @@ class VerifiedMemory:
         (found,) = self._settings.geometry.features.sightings(frames)
         return None if isinstance(found, Unusable) else found
 
-    def _confirmed(self, node: int, now: Sighting, rng: np.random.Generator) -> tuple[float, int, float, float] | None:
-        """Parallax, node, turn and its deviation, if an image shows the place of a node."""
+    def _confirmed(self, node: int, now: Sighting, step: float, rng: np.random.Generator) -> Confirmed | None:
+        """What geometry says of an image and a node, if they show one place."""
         s, before = self._settings, self._sightings[node]
         if before is None:
             return None
-        one, _, pose = s.geometry.relative(before, now, rng)
+        one, other, pose = s.geometry.relative(before, now, rng)
         if not pose.turned or pose.agree.sum() < max(s.least, s.share * len(one)):
             return None
         if pose.parallax_rad > np.deg2rad(s.parallax_deg):
             return None
-        sigma = s.geometry.caution * float(np.sqrt(min(pose.covariance[0, 0], 1.0)))
-        return pose.parallax_rad, node, pose.phi_rad, max(sigma, float(np.deg2rad(s.turn_sigma_deg)))
+        motion, covariance = np.array([0.0, 0.0, pose.phi_rad]), np.diag([(s.reach * step) ** 2] * 2 + [0.0])
+        length, sigma, failed = s.geometry.floor(before, now, one, other, pose)
+        if not failed and self._heights:
+            unit = step / float(np.median(self._heights))
+            motion, covariance = planar_motion(pose, unit * length, unit * sigma)
+            covariance = s.geometry.caution**2 * covariance + np.diag([(LEAST * step) ** 2] * 2 + [0.0])
+        covariance[2, 2] += np.deg2rad(s.turn_sigma_deg) ** 2
+        return Confirmed(pose.parallax_rad, node, motion, covariance)
