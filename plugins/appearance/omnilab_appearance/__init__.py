@@ -21,6 +21,7 @@ from omnilab_appearance.noise import GaussianNoise, ListingNoise, UniformNoise
 from omnilab_appearance.occlusion import Occlusion
 from omnilab_appearance.onnx import Onnx
 from omnilab_appearance.pearson import Pearson
+from omnilab_appearance.planar_epipolar import PlanarEpipolar
 from omnilab_appearance.poc import Poc
 from omnilab_appearance.poc_band import PocBand
 from omnilab_appearance.poc_squared import PocSquared
@@ -64,6 +65,7 @@ __all__ = [
     "Occlusion",
     "Onnx",
     "Pearson",
+    "PlanarEpipolar",
     "Poc",
     "PocBand",
     "PocSquared",
@@ -146,3 +148,8 @@ def register_altimeters(register: Register) -> None:
     register("radon_compression", RadonCompression)
     register("feature_altitude", FeatureAltitude)
     register("floor_and_walls", FloorAndWalls)
+
+
+@hookimpl
+def register_odometries(register: Register) -> None:
+    register("planar_epipolar", PlanarEpipolar)
