@@ -100,10 +100,9 @@ def two_points(p, q, i, j, out):  # type: ignore[no-untyped-def]
     t = m01 * m01 + m11 * m11 - 1
     c = m00 * m01 + m10 * m11
     # s cos^2 + 2 c cos sin + t sin^2 = 0, that is (s + t) / 2 + (s - t) / 2 cos 2 beta + c sin 2 beta = 0
-    amplitude = math.hypot((s - t) / 2, c)
-    if amplitude < 1e-15 or abs(s + t) > 2 * amplitude:
-        return 0
-    middle, apart = math.atan2(c, (s - t) / 2), math.acos(-(s + t) / 2 / amplitude)
+    # noise may leave no solution: the nearest is taken; without parallax, s = t = c = 0, every direction is one
+    cosine = -(s + t) / 2 / (math.hypot((s - t) / 2, c) + 1e-300)
+    middle, apart = math.atan2(c, (s - t) / 2), math.acos(min(max(cosine, -1.0), 1.0))
     for k in range(2):
         beta = (middle + (1 - 2 * k) * apart) / 2
         cb, sb = math.cos(beta), math.sin(beta)
@@ -157,7 +156,7 @@ def ransac(p, q, samples, limit, sure):  # type: ignore[no-untyped-def]
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def noise_of(p, q, g, beta, limit):  # type: ignore[no-untyped-def]
-    """Standard deviation of the errors below `limit`, from their median."""
+    """Standard deviation of the errors below `limit`, from their median; few are trusted less (Rousseeuw and Leroy, 1987)."""
     cg, sg, cb, sb = math.cos(g), math.sin(g), math.cos(beta), math.sin(beta)
     errors = np.empty(len(p))
     count = 0
@@ -168,7 +167,7 @@ def noise_of(p, q, g, beta, limit):  # type: ignore[no-untyped-def]
             count += 1
     if count == 0:
         return math.sqrt(limit)
-    return 1.4826 * math.sqrt(np.median(errors[:count]))
+    return 1.4826 * (1 + 5 / max(count - 2, 1)) * math.sqrt(np.median(errors[:count]))
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

@@ -13,6 +13,7 @@ from omnilab_appearance.sightings import Sighting, matched
 
 FINEST_RAD = 1e-6  # directions are told no finer: the rounding of float32
 PARALLAX_SIGMA = 5.0  # fewer standard deviations of parallax show no direction of motion
+ALIKE = 2.0  # matches of images that err as one: neighbours share their resampling (measured on rendered sequences)
 WIDEST_RAD = 0.5  # standard deviation of a direction of motion that is still one
 
 
@@ -46,7 +47,7 @@ def relative_pose(
 ) -> RelativePose:
     """How the camera moved between two sightings; `agree` is of the pairs of `matched(before, now, ratio)`."""
     i, j = matched(before, now, ratio)
-    return pose_of(before.directions[i], now.directions[j], rng, solver, tolerance_deg, draws, least_matches)
+    return pose_of(before.directions[i], now.directions[j], rng, solver, tolerance_deg, draws, least_matches, ALIKE)
 
 
 def pose_of(
@@ -57,11 +58,13 @@ def pose_of(
     tolerance_deg: float = 0.5,
     draws: int = 300,
     least_matches: int = 12,
+    alike: float = 1.0,
 ) -> RelativePose:
     """The planar motion that explains matched unit directions p and q (M, 3), p of the first image.
 
     RANSAC over the two unknowns, Gauss-Newton on Sampson's error, the half-turn by the parallax (of the linear solver by
-    reprojection). Fewer than `least_matches` that fit are a failure.
+    reprojection). Fewer than `least_matches` that fit are a failure. The covariance is
+    that of independent errors, times `alike`.
     """
     from omnilab_appearance._planar_kernels import planar_motion
 
@@ -78,11 +81,11 @@ def pose_of(
         return _failed(len(p), f"{int(count)} of {len(p)} matches agree")
     agree = errors(p, q, phi, beta) < tolerance
     if parallax < PARALLAX_SIGMA or vb > WIDEST_RAD**2:
-        covariance = np.diag([variance, np.inf])
+        covariance = np.diag([alike * variance, np.inf])
         return RelativePose(float(turned), np.nan, covariance, agree, noise, "no parallax: only the rotation is told")
     if solver is Solver.linear:
         phi, beta = chosen(essential(phi, beta), p[agree], q[agree])
-    covariance = np.array([[vp, cov], [cov, vb]])
+    covariance = alike * np.array([[vp, cov], [cov, vb]])
     return RelativePose(float(wrap_angle(phi)), float(wrap_angle(beta)), covariance, agree, noise)
 
 

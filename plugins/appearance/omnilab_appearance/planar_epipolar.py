@@ -13,7 +13,7 @@ from omnilab.errors import ConfigError
 from omnilab.projection import view_of
 from omnilab_appearance.features import Features
 from omnilab_appearance.floor_steps import Step, floor_step
-from omnilab_appearance.planar import RelativePose, Solver, pose_of
+from omnilab_appearance.planar import ALIKE, RelativePose, Solver, pose_of
 from omnilab_appearance.poc_squared import PocSquared
 from omnilab_appearance.radon import Radon
 from omnilab_appearance.sift import check_count
@@ -76,7 +76,7 @@ class PlanarEpipolar:
         """The motion between two sightings of one camera."""
         i, j = matched(before, now, self.ratio)
         p, q = before.directions[i], now.directions[j]
-        pose = pose_of(p, q, rng, self.solver, self.tolerance_deg, self.draws, self.least_matches)
+        pose = pose_of(p, q, rng, self.solver, self.tolerance_deg, self.draws, self.least_matches, ALIKE)
         if pose.failed:
             return self._motion(before, now, i, j, pose, Step(np.nan, np.inf, 0, pose.failed))
         if self.length is Length.poc:
