@@ -1,162 +1,242 @@
-"""Compiled loops over matched directions, for motions in the plane.
+"""Planar epipolar geometry, compiled on first use. Everything is summed in one fixed order.
 
-A camera moves by an unknown length towards beta and turns by phi; gamma = beta - phi is where it came towards, as seen
-in its new frame. Directions p before and q after that show one point fulfil
-p_z (q_y cos gamma - q_x sin gamma) + q_z (p_x sin beta - p_y cos beta) = 0.
+The second camera stands at (cos beta, sin beta) times the step, turned by phi; g = beta - phi. A match of directions p
+and q keeps r = p_z (q_y cos g - q_x sin g) + q_z (p_x sin beta - p_y cos beta) = 0, which is p' E q = 0 with
+e31 = -sin g, e32 = cos g, e13 = sin beta, e23 = -cos beta.
 """
 
 from __future__ import annotations
 
 import math
 
+import numba as nb
 import numpy as np
-from numba import njit
-
-from omnilab.api import Floats, Ints
-
-SURE = 1e-3  # probability that all draws held a wrong match, at which drawing ends
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def squared_angle(p: Floats, q: Floats, i: int, cg: float, sg: float, cb: float, sb: float) -> float:
-    """Squared distance of match i from the epipolar constraint, in radians (Sampson, 1982, on the sphere)."""
-    a = q[i, 1] * cg - q[i, 0] * sg
-    b = p[i, 0] * sb - p[i, 1] * cb
-    r = p[i, 2] * a + q[i, 2] * b
-    steep = q[i, 2] ** 2 + a * a + p[i, 2] ** 2 + b * b - 2 * r * r
-    return r * r / steep if steep > 1e-12 else 0.0
+@nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def squared_error(p, q, cg, sg, cb, sb):  # type: ignore[no-untyped-def]
+    """Sampson's error of a match, squared: rad^2, as both directions are of length 1."""
+    a = q[1] * cg - q[0] * sg
+    b = p[0] * sb - p[1] * cb
+    r = p[2] * a + q[2] * b
+    return r * r / (a * a + b * b + p[2] * p[2] + q[2] * q[2] - 2 * r * r + 1e-12)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def cost(p: Floats, q: Floats, phi: float, beta: float, cut: float, best: float) -> tuple[float, int]:
-    """Sum of squared angles, each at most `cut`, given up beyond `best`; and how many are below."""
-    cg, sg, cb, sb = math.cos(beta - phi), math.sin(beta - phi), math.cos(beta), math.sin(beta)
-    total, below = 0.0, 0
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def cost(p, q, g, beta, limit):  # type: ignore[no-untyped-def]
+    """MSAC's score: the sum of squared errors, each at most `limit`, and how many are less (Torr and Zisserman, 2000)."""
+    cg, sg, cb, sb = math.cos(g), math.sin(g), math.cos(beta), math.sin(beta)
+    total, good = 0.0, 0
     for i in range(len(p)):
-        e = squared_angle(p, q, i, cg, sg, cb, sb)
-        if e < cut:
-            total += e
-            below += 1
-        else:
-            total += cut
-        if total >= best:
-            return total, below
-    return total, below
+        e = squared_error(p[i], q[i], cg, sg, cb, sb)
+        total += min(e, limit)
+        good += e < limit
+    return total, good
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def two_point(p: Floats, q: Floats, i: int, j: int, found: Floats) -> int:
-    """Motions (phi, beta), up to two rows of `found`, that two matches fulfil: how many.
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def normal_equations(p, q, g, beta, limit):  # type: ignore[no-untyped-def]
+    """J'J (three numbers), J'e (two), e'e and count over the matches whose squared error is below `limit`; unknowns g, beta."""
+    cg, sg, cb, sb = math.cos(g), math.sin(g), math.cos(beta), math.sin(beta)
+    h00, h01, h11, b0, b1, ee, count = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0
+    for i in range(len(p)):
+        px, py, pz = p[i, 0], p[i, 1], p[i, 2]
+        qx, qy, qz = q[i, 0], q[i, 1], q[i, 2]
+        a, b = qy * cg - qx * sg, px * sb - py * cb
+        r = pz * a + qz * b
+        n = a * a + b * b + pz * pz + qz * qz - 2 * r * r + 1e-12
+        if r * r >= limit * n:
+            continue
+        da, db = -(qy * sg + qx * cg), px * cb + py * sb
+        root = 1 / math.sqrt(n)
+        e = r * root
+        j0 = root * (pz * da - r * (a * da - 2 * r * pz * da) / n)
+        j1 = root * (qz * db - r * (b * db - 2 * r * qz * db) / n)
+        h00 += j0 * j0
+        h01 += j0 * j1
+        h11 += j1 * j1
+        b0 += j0 * e
+        b1 += j1 * e
+        ee += e * e
+        count += 1
+    return h00, h01, h11, b0, b1, ee, count
 
-    The constraint is A u + C v = 0 with u = (cos gamma, sin gamma), v = (cos beta, sin beta); u = M v has length 1.
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def refined(p, q, g, beta, limit, steps):  # type: ignore[no-untyped-def]
+    """Gauss-Newton on both unknowns from the matches within `limit`, which are chosen anew in each step."""
+    for _ in range(steps):
+        h00, h01, h11, b0, b1, _ee, _count = normal_equations(p, q, g, beta, limit)
+        damped = 1e-9 * (h00 + h11) + 1e-15
+        h00 += damped
+        h11 += damped
+        det = h00 * h11 - h01 * h01
+        dg, dbeta = -(h11 * b0 - h01 * b1) / det, -(h00 * b1 - h01 * b0) / det
+        longest = max(abs(dg), abs(dbeta))
+        shorter = min(1.0, 0.3 / (longest + 1e-300))  # where the direction is hardly seen, a step may lead anywhere
+        g += shorter * dg
+        beta += shorter * dbeta
+        if longest < 1e-8:
+            break
+    return g, beta
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def two_points(p, q, i, j, out):  # type: ignore[no-untyped-def]
+    """The motions (g, beta) that two matches leave, up to half a turn of both angles, in `out` (2, 2): how many, 0 or 2.
+
+    Both rows say A u + C v = 0 of u = (cos g, sin g) and v = (cos beta, sin beta): u = M v, and |u| = |v| = 1.
     """
-    a00, a01, a10, a11 = p[i, 2] * q[i, 1], -p[i, 2] * q[i, 0], p[j, 2] * q[j, 1], -p[j, 2] * q[j, 0]
-    c00, c01, c10, c11 = -q[i, 2] * p[i, 1], q[i, 2] * p[i, 0], -q[j, 2] * p[j, 1], q[j, 2] * p[j, 0]
+    a00, a01 = p[i, 2] * q[i, 1], -p[i, 2] * q[i, 0]
+    a10, a11 = p[j, 2] * q[j, 1], -p[j, 2] * q[j, 0]
+    c00, c01 = -q[i, 2] * p[i, 1], q[i, 2] * p[i, 0]
+    c10, c11 = -q[j, 2] * p[j, 1], q[j, 2] * p[j, 0]
     det = a00 * a11 - a01 * a10
     if abs(det) < 1e-9:
         return 0
     m00, m01 = -(a11 * c00 - a01 * c10) / det, -(a11 * c01 - a01 * c11) / det
     m10, m11 = -(a00 * c10 - a10 * c00) / det, -(a00 * c11 - a10 * c01) / det
-    xx, xy, yy = m00 * m00 + m10 * m10 - 1, m00 * m01 + m10 * m11, m01 * m01 + m11 * m11 - 1
-    half, size = (xx - yy) / 2, math.hypot((xx - yy) / 2, xy)  # (xx + yy) / 2 + size cos(2 beta - middle) = 0
-    if size < 1e-12 or abs(xx + yy) > 2 * size:
-        return 0
-    middle, off = math.atan2(xy, half), math.acos(-(xx + yy) / (2 * size))
+    s = m00 * m00 + m10 * m10 - 1
+    t = m01 * m01 + m11 * m11 - 1
+    c = m00 * m01 + m10 * m11
+    # s cos^2 + 2 c cos sin + t sin^2 = 0, that is (s + t) / 2 + (s - t) / 2 cos 2 beta + c sin 2 beta = 0
+    # noise may leave no solution: the nearest is taken; without parallax, s = t = c = 0, every direction is one
+    cosine = -(s + t) / 2 / (math.hypot((s - t) / 2, c) + 1e-300)
+    middle, apart = math.atan2(c, (s - t) / 2), math.acos(min(max(cosine, -1.0), 1.0))
     for k in range(2):
-        beta = (middle + (off if k == 0 else -off)) / 2
+        beta = (middle + (1 - 2 * k) * apart) / 2
         cb, sb = math.cos(beta), math.sin(beta)
-        found[k, 1] = beta
-        found[k, 0] = beta - math.atan2(m10 * cb + m11 * sb, m00 * cb + m01 * sb)
+        out[k, 0] = math.atan2(m10 * cb + m11 * sb, m00 * cb + m01 * sb)
+        out[k, 1] = beta
     return 2
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def best_of_pairs(p: Floats, q: Floats, picks: Ints, cut: float) -> tuple[float, float, float]:
-    """The motion (phi, beta) of the least cost among those that drawn pairs (D, 2) of matches fulfil; and the cost."""
-    found = np.empty((2, 2))
-    best, phi, beta = math.inf, 0.0, 0.0
-    needed = float(len(picks))
-    for draw in range(len(picks)):
-        if draw >= needed:
-            break
-        i, j = picks[draw]
-        for k in range(two_point(p, q, i, j, found) if i != j else 0):
-            total, below = cost(p, q, found[k, 0], found[k, 1], cut, best)
-            if total < best:
-                best, phi, beta = total, found[k, 0], found[k, 1]
-                share = below / len(p)
-                if share >= 1:
-                    needed = 0
-                elif share > 0:
-                    needed = math.log(SURE) / math.log(1 - share * share)
-    return phi, beta, best
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def linear(p, q, which, out):  # type: ignore[no-untyped-def]
+    """The motion (g, beta) of the four entries of E that K >= 4 matches `which` fit best, up to half a turn, in `out`."""
+    rows = np.empty((len(which), 4))
+    for k in range(len(which)):
+        i = which[k]
+        rows[k, 0], rows[k, 1] = q[i, 2] * p[i, 0], q[i, 2] * p[i, 1]
+        rows[k, 2], rows[k, 3] = p[i, 2] * q[i, 0], p[i, 2] * q[i, 1]
+    _, vectors = np.linalg.eigh(rows.T @ rows)
+    e13, e23, e31, e32 = vectors[:, 0]
+    out[0, 0], out[0, 1] = math.atan2(-e31, e32), math.atan2(e13, -e23)
+    return 1
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def refined(p: Floats, q: Floats, phi: float, beta: float, width: float) -> tuple[float, float, float, Floats]:
-    """The motion (phi, beta) that fits best by Cauchy's loss of a width in squared radians, from a first guess.
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def ransac(p, q, samples, limit, sure):  # type: ignore[no-untyped-def]
+    """The motion (g, beta) of least cost, each new best refined at once (LO-RANSAC: Chum et al., 2003).
 
-    By reweighted Gauss-Newton. Also the standard deviation of a direction, were all errors normal, and the covariance
-    (2, 2) of an M-estimator (Huber, 1964): matches that are off count little, and widen it.
+    Draws (n, 2) are solved by two_points, (n, K >= 4) by linear. They end once a sample of good matches only has been
+    drawn with probability 1 - sure, and before that not below 20.
     """
-    covariance = np.full((2, 2), np.inf)
-    sigma = math.sqrt(width)
-    for _ in range(15):
-        cg, sg, cb, sb = math.cos(beta - phi), math.sin(beta - phi), math.cos(beta), math.sin(beta)
-        h00, h01, h11, g0, g1 = 0.0, 0.0, 0.0, 0.0, 0.0
-        psi_squares, slopes, j00, j01, j11, count = 0.0, 0.0, 0.0, 0.0, 0.0, 0
-        for i in range(len(p)):
-            a = q[i, 1] * cg - q[i, 0] * sg
-            b = p[i, 0] * sb - p[i, 1] * cb
-            r = p[i, 2] * a + q[i, 2] * b
-            steep = q[i, 2] ** 2 + a * a + p[i, 2] ** 2 + b * b - 2 * r * r
-            if steep < 1e-12 or r * r > 25 * width * steep:
-                continue
-            e = r * r / steep
-            weight = 1 / (1 + e / width)
-            d0 = p[i, 2] * (q[i, 1] * sg + q[i, 0] * cg)  # dr / dphi
-            d1 = q[i, 2] * (p[i, 0] * cb + p[i, 1] * sb) - d0  # dr / dbeta: gamma changes, too
-            h00 += weight * d0 * d0 / steep
-            h01 += weight * d0 * d1 / steep
-            h11 += weight * d1 * d1 / steep
-            g0 += weight * d0 * r / steep
-            g1 += weight * d1 * r / steep
-            j00 += d0 * d0 / steep
-            j01 += d0 * d1 / steep
-            j11 += d1 * d1 / steep
-            psi_squares += weight * weight * e
-            slopes += (1 - e / width) * weight * weight
-            count += 1
-        det, square = h00 * h11 - h01 * h01, j00 * j11 - j01 * j01
-        if count < 4 or slopes <= 0 or det <= 1e-14 * (h00 + h11) ** 2 or square <= 1e-14 * (j00 + j11) ** 2:
-            return phi, beta, sigma, np.full((2, 2), np.inf)
-        spread = (psi_squares / (count - 2)) / (slopes / count) ** 2
-        sigma = math.sqrt(spread)
-        covariance[0, 0], covariance[1, 1] = spread * j11 / square, spread * j00 / square
-        covariance[0, 1] = covariance[1, 0] = -spread * j01 / square
-        step0, step1 = (h11 * g0 - h01 * g1) / det, (h00 * g1 - h01 * g0) / det
-        phi -= step0
-        beta -= step1
-        if abs(step0) + abs(step1) < 1e-9:
+    g, beta, least, needed = 0.0, 0.0, np.inf, 1.0 * len(samples)
+    size = samples.shape[1]
+    found = np.empty((2, 2))
+    for k in range(len(samples)):
+        if k >= 20 and k >= needed:
             break
-    return phi, beta, sigma, covariance
+        drawn = samples[k]
+        count = two_points(p, q, drawn[0], drawn[1], found) if size == 2 else linear(p, q, drawn, found)
+        for s in range(count):
+            total, _ = cost(p, q, found[s, 0], found[s, 1], limit)
+            if total >= least:
+                continue
+            g1, beta1 = refined(p, q, found[s, 0], found[s, 1], limit, 3)
+            better, good = cost(p, q, g1, beta1, limit)
+            if better > total:
+                g1, beta1, better = found[s, 0], found[s, 1], total
+            g, beta, least = g1, beta1, better
+            share = (good / len(p)) ** size
+            needed = math.log(sure) / math.log(1 - min(share, 1 - 1e-12) + 1e-12)
+    return g, beta, least
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def parallax(p: Floats, q: Floats, phi: float, beta: float, cut: float) -> tuple[float, float]:
-    """Above 0 if the matches within `cut` lie before the camera that moved towards beta; and their mean squared parallax."""
-    cg, sg, cb, sb = math.cos(beta - phi), math.sin(beta - phi), math.cos(beta), math.sin(beta)
-    cp, sp = math.cos(phi), math.sin(phi)
-    votes, squares, count = 0.0, 0.0, 0
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def noise_of(p, q, g, beta, limit):  # type: ignore[no-untyped-def]
+    """Standard deviation of the errors below `limit`, from their median; few are trusted less (Rousseeuw and Leroy, 1987)."""
+    cg, sg, cb, sb = math.cos(g), math.sin(g), math.cos(beta), math.sin(beta)
+    errors = np.empty(len(p))
+    count = 0
     for i in range(len(p)):
-        if squared_angle(p, q, i, cg, sg, cb, sb) >= cut:
-            continue
-        rx, ry, rz = cp * q[i, 0] - sp * q[i, 1], sp * q[i, 0] + cp * q[i, 1], q[i, 2]
-        px, py, pz = p[i, 0], p[i, 1], p[i, 2]
-        nx, ny, nz = py * rz - pz * ry, pz * rx - px * rz, px * ry - py * rx  # p x Rq
-        # t x (Rq + p), t = (cos beta, sin beta, 0): positive with p x Rq where depths are
-        sx, sy, sz = rx + px, ry + py, rz + pz
-        votes += nx * (sb * sz) + ny * (-cb * sz) + nz * (cb * sy - sb * sx)
-        squares += nx * nx + ny * ny + nz * nz
-        count += 1
-    return votes, squares / max(count, 1)
+        e = squared_error(p[i], q[i], cg, sg, cb, sb)
+        if e < limit:
+            errors[count] = e
+            count += 1
+    if count == 0:
+        return math.sqrt(limit)
+    return 1.4826 * (1 + 5 / max(count - 2, 1)) * math.sqrt(np.median(errors[:count]))
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def parallaxes(p, q, g, beta):  # type: ignore[no-untyped-def]
+    """How far things moved away from direction beta (M,), in radians. What a camera moves to stays, all else falls back."""
+    cg, sg, cb, sb = math.cos(g), math.sin(g), math.cos(beta), math.sin(beta)
+    out = np.empty(len(p))
+    for i in range(len(p)):
+        ahead = min(max(p[i, 0] * cb + p[i, 1] * sb, -1.0), 1.0)
+        then = min(max(q[i, 0] * cg + q[i, 1] * sg, -1.0), 1.0)
+        out[i] = math.acos(then) - math.acos(ahead)
+    return out
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def fitting(p, q, g, beta, limit):  # type: ignore[no-untyped-def]
+    """Which matches (M,) have squared errors below `limit`."""
+    cg, sg, cb, sb = math.cos(g), math.sin(g), math.cos(beta), math.sin(beta)
+    out = np.empty(len(p), np.bool_)
+    for i in range(len(p)):
+        out[i] = squared_error(p[i], q[i], cg, sg, cb, sb) < limit
+    return out
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def turned_only(p, q, noise):  # type: ignore[no-untyped-def]
+    """The rotation that fits all matches best if nothing but that has happened, and its variance."""
+    across, along = 0.0, 0.0
+    for i in range(len(p)):
+        across += q[i, 0] * p[i, 1] - q[i, 1] * p[i, 0]
+        along += q[i, 0] * p[i, 0] + q[i, 1] * p[i, 1]
+    return math.atan2(across, along), 2 * noise * noise / max(math.hypot(across, along), 1e-12)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def planar_motion(p, q, samples, tolerance, finest):  # type: ignore[no-untyped-def]
+    """phi, beta, their variances and covariance, noise, how many matches fit, parallax in standard deviations, and
+    phi with its variance if the camera only turned.
+
+    After RANSAC the noise is that of the matches within `tolerance`, and those within three of it are fitted. A wrong
+    match that happens to lie on its epipolar line mostly does so far along it, where it would weigh the most; so matches
+    that fell forward, or back by more than four times the median, do not count.
+    """
+    limit = tolerance * tolerance
+    g, beta, least = ransac(p, q, samples, limit, 1e-4)
+    if not np.isfinite(least):
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0, 0.0, 0.0
+    noise = max(noise_of(p, q, g, beta, limit), finest)
+    g, beta = refined(p, q, g, beta, min(limit, 9 * noise * noise), 10)
+    noise = max(noise_of(p, q, g, beta, limit), finest)
+    near = min(limit, 9 * noise * noise)
+
+    kept_p, kept_q, parallax = p, q, 0.0
+    for _ in range(3):
+        fits = fitting(p, q, g, beta, near)
+        kept_p, kept_q = p[fits], q[fits]
+        if len(kept_p) == 0:
+            break
+        back = parallaxes(kept_p, kept_q, g, beta)
+        apart = math.sqrt(2.0) * noise
+        parallax = np.minimum(np.maximum(back / apart, -10), 10).sum() / math.sqrt(len(back))
+        if parallax < 0:
+            g, beta, back = g + math.pi, beta + math.pi, -back
+        plausible = (back > -3 * apart) & (back < 4 * np.median(back) + 3 * apart)
+        kept_p, kept_q = kept_p[plausible], kept_q[plausible]
+        g, beta = refined(kept_p, kept_q, g, beta, near, 10)
+    h00, h01, h11, _b0, _b1, ee, count = normal_equations(kept_p, kept_q, g, beta, near)
+    noise = max(math.sqrt(ee / max(count - 2, 1) / 0.9733), finest)  # a normal distribution cut at three sigma: 0.9733
+    det = max(h00 * h11 - h01 * h01, 1e-30)
+    vg, vb, cov = noise**2 * h11 / det, noise**2 * h00 / det, -(noise**2) * h01 / det
+    phi, variance = turned_only(kept_p, kept_q, noise)
+    return beta - g, beta, vg + vb - 2 * cov, vb, vb - cov, noise, count, abs(parallax), phi, variance

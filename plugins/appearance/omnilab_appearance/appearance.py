@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from typing import Any, NamedTuple
 
@@ -14,7 +14,8 @@ from omnilab.geometry import wrap_angle
 from omnilab.projection import PANORAMA_SHAPE, view_of
 from omnilab_appearance.poc import Poc
 from omnilab_appearance.radon import Radon
-from omnilab_appearance.sightings import Detector, Features, Sighting, matches
+from omnilab_appearance.sift import check_count
+from omnilab_appearance.sightings import Detector, Sighting, matched, sightings
 
 SAME = 1e-6  # two images that are no further apart are one
 STARTS = PANORAMA_SHAPE[1]  # of the window, a column each
@@ -34,11 +35,6 @@ class Seen(NamedTuple):
     sighting: Sighting
 
 
-def surf() -> Features:
-    """Features as printed."""
-    return Features(Detector.surf, 400, 0.1)
-
-
 @dataclass
 class Appearance:
     """Odometry from global appearance and the sense in which features move (Berenguer, thesis, 6.2).
@@ -50,7 +46,8 @@ class Appearance:
     ones lies on the right of the direction of motion.
     """
 
-    features: Features = field(default_factory=surf)
+    detector: Detector = Detector.surf  # as printed; or sift
+    features: int = 400  # at most so many of each image
     ratio: float = 0.8  # a match is so much nearer than the second best, both ways
     least: int = 10  # matches, or the step has failed
     ties: Ties = Ties.first  # as printed; or middle of the windows that win
@@ -62,6 +59,7 @@ class Appearance:
     length_sigma: float = 0.3  # of a length, as a share of it
 
     def __post_init__(self) -> None:
+        check_count(self.features)
         if not 0 < self.ratio <= 1 or self.least < 2:
             raise ConfigError(
                 f"ratio={self.ratio:g}, least={self.least} match nothing; give up to 1, and 2 matches or more"
@@ -76,7 +74,7 @@ class Appearance:
     def look(self, frames: Frames) -> list[Seen | Unusable]:
         """The Radon transform and the features of each image."""
         radon = Radon(self.offsets, self.angles).describe(view_of(frames.images, frames.camera, "mirror", False))
-        found = self.features.sightings(frames)
+        found = sightings(frames, self.detector, self.features, self.least)
         return [s if isinstance(s, Unusable) else Seen(radon[i : i + 1], s) for i, s in enumerate(found)]
 
     def motion(self, before: Seen, now: Seen, rng: np.random.Generator) -> Motion:  # noqa: ARG002
@@ -85,7 +83,7 @@ class Appearance:
         match = poc.match(now.radon, poc.prepare(before.radon))
         assert match.rotation_rad is not None
         turn, distance = float(match.rotation_rad[0, 0]), float(match.distance[0, 0])
-        here, there = matches(before.sighting, now.sighting, self.ratio)
+        here, there = matched(before.sighting, now.sighting, self.ratio)
         seen = np.stack([before.sighting.azimuth_level[here], now.sighting.azimuth_level[there]], axis=1)
         unknown = np.array([np.nan, np.nan, turn])
         if distance < SAME:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from omnilab.api import Floats
 from omnilab.geometry import wrap_angle
 from omnilab_appearance.appearance import Appearance
-from omnilab_appearance.sightings import Features
+from omnilab_appearance.sightings import Detector
 
 ROUNDS = 20
 LEAST_MOVED = 1e-4  # radians: a width of the loss below that weighs rounding
@@ -24,7 +24,7 @@ class AppearanceFit(Appearance):
     an error of the turn, which is known to a sample of the Radon transform: it is fitted, too, and taken off.
     """
 
-    features: Features = field(default_factory=Features)
+    detector: Detector = Detector.sift  # or surf, less precise
     direction_sigma_deg: float = 8.0  # of a direction of motion
 
     def _direction(self, azimuth_rad: Floats, moved_rad: Floats) -> tuple[float, float | None, float]:

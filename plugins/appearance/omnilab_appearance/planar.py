@@ -1,4 +1,4 @@
-"""The relative pose of two cameras that stand upright on one plane, from directions that show the same points."""
+"""The relative pose of two omnidirectional images whose camera moved in the plane."""
 
 from __future__ import annotations
 
@@ -9,111 +9,125 @@ import numpy as np
 
 from omnilab.api import Bools, Floats
 from omnilab.geometry import wrap_angle
+from omnilab_appearance.sightings import Sighting, matched, on_sphere
 
-STILL = 3.0  # a mean parallax of fewer standard deviations of a direction tells no direction of motion
-VAGUE_RAD = 0.5  # a direction of motion with a larger standard deviation is none
-LOSS = 0.3  # width of the loss, of the tolerance
-NARROW = np.deg2rad(0.02)  # features are never placed better than that
+FINEST_RAD = 1e-6  # directions are told no finer: the rounding of float32
+PARALLAX_SIGMA = 5.0  # fewer standard deviations of parallax show no direction of motion
+ALIKE = 2.0  # matches of images that err as one: neighbours share their resampling (measured on rendered sequences)
+WIDEST_RAD = 0.5  # standard deviation of a direction of motion that is still one
 
 
 class Solver(Enum):
-    """What makes a motion of a few matches."""
+    """How RANSAC gets a motion from few matches."""
 
-    two_point = "two_point"  # the least that tells it, in closed form
-    linear = "linear"  # four, by the entries of the essential matrix (Gil et al., eq. 15-20)
+    two_point = "two_point"
+    linear = "linear"
 
 
 class RelativePose(NamedTuple):
-    """How a camera turned and moved, or why that cannot be told."""
+    """The second camera in the frame of the first: turned by phi, in direction beta; how far is not told."""
 
-    phi_rad: float  # its turn, counter-clockwise
-    beta_rad: float  # where to it moved, in its first frame
-    covariance: Floats  # (2, 2) of both
-    agree: Bools  # (M,) which matches it explains
-    parallax_rad: float  # root mean square, of those
-    failed: str = ""  # in a few words; a turn may be told none the less
-    turned: bool = True  # whether phi is told
+    phi: float  # radians in [-pi, pi), NaN if it failed altogether
+    beta: float  # radians in [-pi, pi), NaN where no parallax shows it
+    covariance: Floats  # (2, 2) of phi and beta; that of beta is infinite where it is not told
+    agree: Bools  # (M,) which matches fit
+    noise_rad: float  # standard deviation of a direction across its epipolar line
+    failed: str = ""  # why phi or beta is missing, in a few words
 
 
 def relative_pose(
-    p: Floats, q: Floats, rng: np.random.Generator, solver: Solver = Solver.two_point, tolerance_rad: float = 0.006,
-    draws: int = 300, least: int = 20,
-) -> RelativePose:  # fmt: skip
-    """The motion that most matches agree with (RANSAC, truncated squares), refined by least squares over these.
+    before: Sighting,
+    now: Sighting,
+    rng: np.random.Generator,
+    ratio: float = 0.8,
+    solver: Solver = Solver.two_point,
+    tolerance_deg: float = 0.5,
+    draws: int = 300,
+    least_matches: int = 12,
+) -> RelativePose:
+    """How the camera moved between two sightings; `agree` is of the pairs of `matched(before, now, ratio)`."""
+    i, j = matched(before, now, ratio)
+    return pose_of(on_sphere(before)[i], on_sphere(now)[j], rng, solver, tolerance_deg, draws, least_matches, ALIKE)
 
-    `p`, `q` (M, 3): unit directions in the first and in the second camera's frame. What agrees lies within
-    `tolerance_rad` of the epipolar constraint of planar motion (Gil et al., eq. 15, its third cosine a sine). Which way
-    along the line of motion: towards where matched rays meet before both cameras. Fails where fewer than `least`
-    matches agree, or where there is no parallax to tell a direction.
+
+def pose_of(
+    p: Floats,
+    q: Floats,
+    rng: np.random.Generator,
+    solver: Solver = Solver.two_point,
+    tolerance_deg: float = 0.5,
+    draws: int = 300,
+    least_matches: int = 12,
+    alike: float = 1.0,
+) -> RelativePose:
+    """The planar motion that explains matched unit directions p and q (M, 3), p of the first image.
+
+    RANSAC over the two unknowns, Gauss-Newton on Sampson's error, the half-turn by the parallax (of the linear solver by
+    reprojection). Fewer than `least_matches` that fit are a failure. The covariance is
+    that of independent errors, times `alike`.
     """
-    from omnilab_appearance._planar_kernels import best_of_pairs, parallax, refined
+    from omnilab_appearance._planar_kernels import planar_motion
 
+    size = 2 if solver is Solver.two_point else 4
+    if len(p) < max(least_matches, size):
+        return _failed(len(p), f"{len(p)} matches")
     p, q = np.ascontiguousarray(p, np.float64), np.ascontiguousarray(q, np.float64)
-    nobody = np.zeros(len(p), bool)
-    if len(p) < max(least, 4):
-        return _failed(nobody, f"{len(p)} features match")
-    cut = tolerance_rad**2
-    if solver is Solver.two_point:
-        phi, beta, _ = best_of_pairs(p, q, rng.integers(0, len(p), (draws, 2)), cut)
-    else:
-        phi, beta = linear_ransac(p, q, rng, cut, draws)
-    phi, beta, sigma, covariance = refined(p, q, phi, beta, (LOSS * tolerance_rad) ** 2)
-    off = angles(p, q, phi, beta)
-    agree = off < tolerance_rad
-    if agree.sum() < least:
-        return _failed(agree, f"{agree.sum()} of {len(p)} matches agree")
-    votes, squares = parallax(p, q, phi, beta, cut)
-    spread = max(sigma, NARROW)
-    covariance = covariance * (spread / max(sigma, 1e-12)) ** 2
-    motion = RelativePose(
-        float(wrap_angle(phi)), float(wrap_angle(beta if votes > 0 else beta + np.pi)), covariance, agree, float(np.sqrt(squares))
-    )  # fmt: skip
-    if np.sqrt(squares) < STILL * spread:
-        return motion._replace(failed="nothing moved but by a turn")
-    if not np.sqrt(covariance[1, 1]) < VAGUE_RAD:
-        return motion._replace(failed="the matches tell no direction of motion")
-    return motion
+    tolerance = np.deg2rad(tolerance_deg)
+    samples = rng.integers(0, len(p), (draws, size))
+    phi, beta, vp, vb, cov, noise, count, parallax, turned, variance = planar_motion(
+        p, q, samples, tolerance, FINEST_RAD
+    )
+    if count < least_matches:
+        return _failed(len(p), f"{int(count)} of {len(p)} matches agree")
+    agree = errors(p, q, phi, beta) < tolerance
+    if parallax < PARALLAX_SIGMA or vb > WIDEST_RAD**2:
+        covariance = np.diag([alike * variance, np.inf])
+        return RelativePose(float(turned), np.nan, covariance, agree, noise, "no parallax: only the rotation is told")
+    if solver is Solver.linear:
+        phi, beta = chosen(essential(phi, beta), p[agree], q[agree])
+    covariance = alike * np.array([[vp, cov], [cov, vb]])
+    return RelativePose(float(wrap_angle(phi)), float(wrap_angle(beta)), covariance, agree, noise)
 
 
-def _failed(agree: Bools, why: str) -> RelativePose:
-    return RelativePose(np.nan, np.nan, np.full((2, 2), np.inf), agree, np.nan, why, turned=False)
+def _failed(matches: int, why: str) -> RelativePose:
+    return RelativePose(np.nan, np.nan, np.full((2, 2), np.inf), np.zeros(matches, bool), np.nan, why)
 
 
-def angles(p: Floats, q: Floats, phi: float, beta: float) -> Floats:
-    """How far matches (M, 3) are from the epipolar constraint, (M,) in radians (Sampson, 1982, on the sphere)."""
-    cg, sg, cb, sb = np.cos(beta - phi), np.sin(beta - phi), np.cos(beta), np.sin(beta)
-    a, b = q[:, 1] * cg - q[:, 0] * sg, p[:, 0] * sb - p[:, 1] * cb
-    r = p[:, 2] * a + q[:, 2] * b
-    steep = q[:, 2] ** 2 + a**2 + p[:, 2] ** 2 + b**2 - 2 * r**2
-    return np.asarray(np.abs(r) / np.sqrt(np.maximum(steep, 1e-12)))
+def errors(p: Floats, q: Floats, phi: float, beta: float) -> Floats:
+    """Sampson's error (M,) of directions p and q (M, 3), in radians: how far they lie from their epipolar plane."""
+    Eq, Ep = q @ essential(phi, beta).T, p @ essential(phi, beta)
+    r = (p * Eq).sum(axis=1)
+    return np.asarray(np.abs(r) / np.sqrt((Eq**2).sum(axis=1) + (Ep**2).sum(axis=1) - 2 * r**2 + 1e-12))
 
 
-def turned_back(q: Floats, phi_rad: float) -> Floats:
-    """Directions (M, 3) of the second camera, in axes parallel to the first one's."""
-    c, s = np.cos(phi_rad), np.sin(phi_rad)
-    return np.column_stack([c * q[:, 0] - s * q[:, 1], s * q[:, 0] + c * q[:, 1], q[:, 2]])
+def essential(phi: float, beta: float) -> Floats:
+    """E (3, 3) of planar motion, p' E q = 0 (eq. 15, for the motion of the second camera in the frame of the first)."""
+    g = beta - phi
+    return np.array([[0, 0, np.sin(beta)], [0, 0, -np.cos(beta)], [-np.sin(g), np.cos(g), 0]])
 
 
-# ----------------------------------------------------------------------------------------------------------- as printed
-def linear_ransac(p: Floats, q: Floats, rng: np.random.Generator, cut: float, draws: int) -> tuple[float, float]:
-    """Four matches at a time (eq. 20), their motion by the essential matrix, the one of the least truncated squares."""
-    samples = rng.integers(0, len(p), (draws, 4))
-    best, found = np.inf, (0.0, 0.0)
-    for phi, beta in linear(p[samples], q[samples]):
-        total = np.minimum(angles(p, q, phi, beta) ** 2, cut).sum()
-        if total < best:
-            best, found = total, (float(phi), float(beta))
-    return found
+def chosen(E: Floats, p: Floats, q: Floats) -> tuple[float, float]:
+    """phi and beta of that one of the four (R, T) of E whose points reproject best (eq. 16-19; Bunschoten and Kröse, 2003)."""
+    U, _, Vt = np.linalg.svd(E)
+    W = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    rotations = [R * np.sign(np.linalg.det(R)) for R in (U @ W @ Vt, U @ W.T @ Vt)]
+    candidates = [(R, sign * U[:, 2]) for R in rotations for sign in (1, -1)]
+    R, t = min(candidates, key=lambda candidate: _reprojection(candidate[0], candidate[1], p, q))
+    return float(np.arctan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1])), float(np.arctan2(t[1], t[0]))
 
 
-def linear(p: Floats, q: Floats) -> Floats:
-    """Motions (B, 2), turn and line of motion, of B sets of K >= 4 matches (B, K, 3), by the four entries of E.
+def _reprojection(R: Floats, t: Floats, p: Floats, q: Floats) -> float:
+    """Sum of squared differences between directions p, q (M, 3) and those of the points in which they meet best.
 
-    E has e13, e23, e31 and e32 alone (eq. 15): (e31, e32) = (sin beta, -cos beta), (e13, e23) = (-sin gamma, cos gamma),
-    up to one factor. With planar motion, two of the four pairs (R, T) that an essential matrix stands for (eq. 16-19)
-    tilt the camera by half a turn, and the other two differ by the sign of T: which, parallax tells.
+    A point behind a camera reprojects to the opposite direction.
     """
-    rows = np.stack([p[..., 2] * q[..., 1], -p[..., 2] * q[..., 0], -q[..., 2] * p[..., 1], q[..., 2] * p[..., 0]], -1)
-    x = np.linalg.svd(rows)[2][..., -1, :]  # cos gamma, sin gamma, cos beta, sin beta
-    beta = np.arctan2(x[..., 3], x[..., 2])
-    return np.stack([beta - np.arctan2(x[..., 1], x[..., 0]), beta], -1)
+    turned = q @ R.T
+    cosine = (p * turned).sum(axis=1)
+    pt, qt = p @ t, turned @ t
+    sine2 = np.maximum(1 - cosine**2, 1e-12)
+    near, far = (pt - cosine * qt) / sine2, (cosine * pt - qt) / sine2  # near p = t + far turned, in least squares
+    points = (near[:, None] * p + t + far[:, None] * turned) / 2
+    first = points / np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
+    second = points - t
+    second = second / np.maximum(np.linalg.norm(second, axis=1, keepdims=True), 1e-12)
+    return float(((first - p) ** 2).sum() + ((second - turned) ** 2).sum())

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import Enum
-from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnilab.api import CalibratedCamera, Floats, Frames, Ints, Motion, Unusable
-from omnilab.errors import ConfigError
+from omnilab.api import CalibratedCamera, Floats, Frames, Ints, Motion, Signatures, Unusable
+from omnilab.errors import ConfigError, DataError
 from omnilab.projection import view_of
-from omnilab_appearance.lengths import floor_length, poc_length
-from omnilab_appearance.planar import RelativePose, Solver, relative_pose, turned_back
+from omnilab_appearance.features import Features
+from omnilab_appearance.floor_steps import Step, floor_step
+from omnilab_appearance.planar import ALIKE, RelativePose, Solver, pose_of
+from omnilab_appearance.poc_squared import PocSquared
 from omnilab_appearance.radon import Radon
-from omnilab_appearance.sightings import Features, Sighting, matches
+from omnilab_appearance.sift import check_count
+from omnilab_appearance.sightings import Detector, Sighting, matched, on_sphere, sightings
 
-HEIGHTS = "camera heights"
+POC_SPREAD = 0.25  # standard deviation of a length by POC, of the length
 
 
 class Length(Enum):
@@ -26,113 +29,106 @@ class Length(Enum):
     poc = "poc"
 
 
-class Seen(NamedTuple):
-    """What is kept of an image."""
-
-    sighting: Sighting
-    radon: Floats | None  # (1, N, M), where lengths are told by it
-
-
 @dataclass
 class PlanarEpipolar:
-    """Turn and direction from matching local features under the epipolar constraint of planar motion (Gil et al., 3.2).
+    """Rotation and direction from matched features on the unit sphere (view-based SLAM, 3.2), the length by the floor.
 
-    The constraint leaves the length open. `floor`: what lies below the horizon mostly lies on the floor, so where
-    matched features moved there tells the step in heights of the camera above it, or in metres if that height is given.
-    `poc`: the distance by phase-only correlation of two Radon transforms, which grows with the step (Berenguer, thesis,
-    eq. 6.4, 6.5); its unit is not known.
+    Features are found on the panorama and matched; a motion in the plane leaves two unknowns, which RANSAC finds from
+    two matches, or from four by the linear equations as printed, and Gauss-Newton refines with their covariance. The
+    length is told by what moved on the floor, in heights of the camera above it (metres with `height_m`), or by the
+    squared POC distance of the Radon transforms (Berenguer, thesis, eq. 6.4-6.5), in its own unit.
     """
 
-    features: Features = field(default_factory=Features)
-    ratio: float = 0.85  # a match is so much nearer than the second best, both ways
-    solver: Solver = Solver.two_point  # of each draw: two_point, or linear as printed
-    draws: int = 300  # of matches, at most
-    tolerance_deg: float = 0.35  # how far a match may be from the constraint
-    least: int = 20  # matches that agree, or the step has failed
-    length: Length = Length.floor  # or poc
-    height_m: float | None = None  # of the viewpoint above the floor; null: lengths are in such heights
-    poc_sigma: float = 0.2  # standard deviation of a length by poc, as a share of it
-    caution: float = 2.0  # times the deviations that matches tell of themselves: their errors are not independent
+    detector: Detector = Detector.sift  # or surf, less precise
+    features: int = 400  # at most so many of each image
+    ratio: float = 0.8  # a match is so much nearer than the second best
+    solver: Solver = Solver.two_point  # minimal; or linear, on four points as printed
+    tolerance_deg: float = 0.5  # how far a match may lie from its epipolar plane
+    draws: int = 300  # of RANSAC, at most
+    least_matches: int = 12  # that fit; with fewer there is no motion
+    length: Length = Length.floor  # by points of the floor; or poc, by the distance of the Radon transforms
+    height_m: float | None = None  # of the camera above the floor; not given: lengths in that height
 
     def __post_init__(self) -> None:
-        if not 0 < self.ratio <= 1:
-            raise ConfigError(f"ratio={self.ratio:g} is not that of two distances; give a number above 0 and up to 1")
-        if not 0 < self.tolerance_deg < 90 or self.draws < 1 or self.least < 4:
-            raise ConfigError(
-                f"tolerance_deg={self.tolerance_deg:g}, draws={self.draws}, least={self.least} find no motion; give degrees"
-                " below 90, 1 draw or more and 4 matches or more"
+        check_count(self.features)
+        Features(self.ratio)  # checks it
+        if not 0 < self.tolerance_deg <= 10:
+            raise ConfigError(f"tolerance_deg={self.tolerance_deg:g} is none; give degrees above 0 and up to 10")
+        if self.draws < 1:
+            raise ConfigError(f"draws={self.draws} try nothing; give 1 or more, such as 300")
+        if self.least_matches < 5:
+            raise ConfigError(f"least_matches={self.least_matches} cannot tell a motion from chance; give 5 or more")
+        if self.height_m is not None and not 0 < self.height_m < np.inf:
+            raise ConfigError(f"height_m={self.height_m:g} is no height above the floor; give metres above 0")
+
+    def look(self, frames: Frames) -> Sequence[Sighting | Unusable]:
+        """The features of each image on the unit sphere; DataError if the camera is not calibrated."""
+        if not isinstance(frames.camera, CalibratedCamera):
+            raise DataError(
+                f"a {type(frames.camera).__name__} does not know where its pixels look, which planar_epipolar needs; give"
+                " the images a calibration, or choose odometry=appearance"
             )
-        if self.height_m is not None and not self.height_m > 0:
-            raise ConfigError(f"height_m={self.height_m:g} is not above the floor; give metres above 0, or null")
+        seen = sightings(frames, self.detector, self.features, self.least_matches)
+        if self.length is not Length.poc:
+            return seen
+        transforms = Radon().describe(view_of(frames.images, frames.camera, "mirror", False)).place
+        return [
+            look if isinstance(look, Unusable) else look._replace(radon=transform)
+            for look, transform in zip(seen, transforms, strict=True)
+        ]
+
+    def motion(self, before: Sighting, now: Sighting, rng: np.random.Generator) -> Motion:
+        """The motion between two sightings of one camera."""
+        i, j = matched(before, now, self.ratio)
+        p, q = on_sphere(before)[i], on_sphere(now)[j]
+        pose = pose_of(p, q, rng, self.solver, self.tolerance_deg, self.draws, self.least_matches, ALIKE)
+        if pose.failed:
+            return self._motion(before, now, i, j, pose, Step(np.nan, np.inf, 0, pose.failed))
+        if self.length is Length.poc:
+            return self._motion(before, now, i, j, pose, _poc_step(before, now))
+        step = floor_step(p[pose.agree], q[pose.agree], pose.phi, pose.beta, pose.noise_rad)
+        height = self.height_m or 1.0
+        scaled = step._replace(length=height * step.length, variance=height**2 * step.variance)
+        return self._motion(before, now, i, j, pose, scaled)
+
+    def relative(
+        self, before: Sighting, now: Sighting, rng: np.random.Generator
+    ) -> tuple[RelativePose, Floats, Floats]:
+        """The relative pose, and the directions (K, 3) before and after of the matches that agree with it."""
+        i, j = matched(before, now, self.ratio)
+        p, q = on_sphere(before)[i], on_sphere(now)[j]
+        pose = pose_of(p, q, rng, self.solver, self.tolerance_deg, self.draws, self.least_matches, ALIKE)
+        return pose, p[pose.agree], q[pose.agree]
+
+    def _motion(self, before: Sighting, now: Sighting, i: Ints, j: Ints, pose: RelativePose, step: Step) -> Motion:
+        vector, covariance = propagated(pose, step)
+        matches = np.stack([before.azimuth_level[i], now.azimuth_level[j]], axis=1)
+        return Motion(vector, covariance, self._unit, step.failed, matches, pose.agree)
 
     @property
-    def unit(self) -> str:
-        """Of lengths."""
+    def _unit(self) -> str:
         if self.length is Length.poc:
-            return "poc"
-        return HEIGHTS if self.height_m is None else "m"
-
-    def look(self, frames: Frames) -> list[Seen | Unusable]:
-        """Features, and the Radon transform where it tells lengths; ConfigError for cameras that are not calibrated."""
-        if not isinstance(frames.camera, CalibratedCamera):
-            raise ConfigError(
-                f"planar_epipolar needs to know where pixels look, and a {type(frames.camera).__name__} does not tell; give"
-                " the sensor a calibration, or choose odometry=appearance"
-            )
-        found = self.features.sightings(frames)
-        if self.length is Length.poc:
-            radon = Radon().describe(view_of(frames.images, frames.camera, "mirror", False)).place
-            return [s if isinstance(s, Unusable) else Seen(s, radon[i : i + 1]) for i, s in enumerate(found)]
-        return [s if isinstance(s, Unusable) else Seen(s, None) for s in found]
-
-    def motion(self, before: Seen, now: Seen, rng: np.random.Generator) -> Motion:
-        """Turn and direction by the matches, the length by the floor or by phase-only correlation."""
-        one, other, pose = self.relative(before.sighting, now.sighting, rng)
-        seen = np.stack([before.sighting.azimuth_level[one], now.sighting.azimuth_level[other]], 1)
-        told: dict[str, Any] = {"unit": self.unit, "matches": seen, "agree": pose.agree}
-        if pose.failed:
-            return Motion(np.array([np.nan, np.nan, pose.phi_rad]), np.eye(3), failed=pose.failed, **told)
-        if self.length is Length.floor:
-            length, sigma, failed = self.floor(before.sighting, now.sighting, one, other, pose)
-            if failed:
-                return Motion(np.array([np.nan, np.nan, pose.phi_rad]), np.eye(3), failed=failed, **told)
-            scale = self.height_m or 1.0
-            length, sigma = scale * length, scale * sigma
-        else:
-            assert before.radon is not None
-            assert now.radon is not None
-            length = poc_length(before.radon, now.radon)
-            sigma = self.poc_sigma * length
-        vector, covariance = planar_motion(pose, length, sigma)
-        return Motion(vector, self.caution**2 * covariance, **told)
-
-    def relative(self, before: Sighting, now: Sighting, rng: np.random.Generator) -> tuple[Ints, Ints, RelativePose]:
-        """Matching features (M,) of two pictures, and the relative pose that they tell."""
-        one, other = matches(before, now, self.ratio)
-        p, q = directions_of(before)[one], directions_of(now)[other]
-        tolerance = float(np.deg2rad(self.tolerance_deg))
-        return one, other, relative_pose(p, q, rng, self.solver, tolerance, self.draws, self.least)
-
-    def floor(
-        self, before: Sighting, now: Sighting, one: Ints, other: Ints, pose: RelativePose
-    ) -> tuple[float, float, str]:
-        """The length of a motion in heights of the camera, its standard deviation, and why it cannot be told."""
-        if pose.failed:
-            return np.nan, np.nan, pose.failed
-        p, q = directions_of(before)[one[pose.agree]], directions_of(now)[other[pose.agree]]
-        return floor_length(p, turned_back(q, pose.phi_rad), pose.beta_rad)
+            return "1"
+        return "camera heights" if self.height_m is None else "m"
 
 
-def directions_of(sighting: Sighting) -> Floats:
-    """Unit directions (F, 3) of features whose camera knows them."""
-    assert sighting.directions is not None
-    return sighting.directions
+def _poc_step(before: Sighting, now: Sighting) -> Step:
+    if before.radon is None or now.radon is None:
+        raise ConfigError("length=poc was given images that were looked at with length=floor; use one for both")
+    places = Signatures(before.radon[None])
+    distance = float(PocSquared().match(Signatures(now.radon[None]), PocSquared().prepare(places)).distance[0, 0])
+    return Step(distance, (POC_SPREAD * distance) ** 2, 0)
 
 
-def planar_motion(pose: RelativePose, length: float, sigma: float) -> tuple[Floats, Floats]:
-    """x, y and heading (3,), and their covariance (3, 3), of a relative pose and a length with its deviation."""
-    c, s = np.cos(pose.beta_rad), np.sin(pose.beta_rad)
-    J = np.array([[0, -length * s, c], [0, length * c, s], [1, 0, 0]])  # of phi, beta, length
-    spread = np.zeros((3, 3))
-    spread[:2, :2], spread[2, 2] = pose.covariance, sigma**2
-    return np.array([length * c, length * s, pose.phi_rad]), J @ spread @ J.T
+def propagated(pose: RelativePose, step: Step) -> tuple[Floats, Floats]:
+    """x, y and heading (3,), NaN where they are not told, and their covariance (3, 3), infinite there."""
+    c, s, d = np.cos(pose.beta), np.sin(pose.beta), step.length
+    vector = np.array([d * c, d * s, pose.phi])
+    if step.failed:
+        told = np.isfinite(pose.phi)
+        return vector, np.diag([np.inf, np.inf, pose.covariance[0, 0] if told else np.inf])
+    J = np.array([[c, -d * s, 0], [s, d * c, 0], [0, 0, 1]])  # by length, direction, heading
+    inner = np.zeros((3, 3))
+    inner[0, 0] = step.variance
+    inner[1:, 1:] = pose.covariance[::-1, ::-1]
+    return vector, J @ inner @ J.T

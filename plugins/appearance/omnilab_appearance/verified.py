@@ -7,11 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnilab.api import CalibratedCamera, Closures, Floats, Frames, Ints, Unusable
+from omnilab.api import Closures, Floats, Frames, Ints, Unusable
 from omnilab.errors import ConfigError
 from omnilab.projection import view_of
+from omnilab_appearance.floor_steps import floor_step, turned
 from omnilab_appearance.hog_threshold import check_memory, hog_of, none
-from omnilab_appearance.planar_epipolar import PlanarEpipolar, Seen, planar_motion
+from omnilab_appearance.planar_epipolar import PlanarEpipolar, propagated
 from omnilab_appearance.radon import Radon
 from omnilab_appearance.radon_hog import RadonHog
 from omnilab_appearance.remembered import Remembered
@@ -107,24 +108,17 @@ class VerifiedMemory:
         """How long the last step was, in heights of the camera above the floor."""
         before, now = self._sightings[-2:]
         if before is not None and now is not None:
-            length, _, failed = self._settings.geometry.floor(
-                before, now, *self._settings.geometry.relative(before, now, rng)
-            )
-            if not failed:
-                self._heights.append(length)
+            pose, p, q = self._settings.geometry.relative(before, now, rng)
+            if not pose.failed and not (told := floor_step(p, q, pose.phi, pose.beta, pose.noise_rad)).failed:
+                self._heights.append(told.length)
 
     def _sighting(self, frames: Frames, look: Any) -> Sighting | None:
         """The image's features: those that the odometry has found already, or else its own."""
         if isinstance(look, Unusable):
             return None
-        if isinstance(look, Seen):
-            return look.sighting
-        if not isinstance(frames.camera, CalibratedCamera):
-            raise ConfigError(
-                f"verified needs to know where pixels look, and a {type(frames.camera).__name__} does not tell; give the"
-                " sensor a calibration, or choose loop_closure=hog_threshold"
-            )
-        (found,) = self._settings.geometry.features.sightings(frames)
+        if isinstance(look, Sighting):
+            return look._replace(radon=None)
+        (found,) = self._settings.geometry.look(frames)
         return None if isinstance(found, Unusable) else found
 
     def _confirmed(self, node: int, now: Sighting, step: float, rng: np.random.Generator) -> Confirmed | None:
@@ -132,16 +126,19 @@ class VerifiedMemory:
         s, before = self._settings, self._sightings[node]
         if before is None:
             return None
-        one, other, pose = s.geometry.relative(before, now, rng)
-        if not pose.turned or pose.agree.sum() < max(s.least, s.share * len(one)):
+        pose, p, q = s.geometry.relative(before, now, rng)
+        if np.isnan(pose.phi) or len(p) < max(s.least, s.share * len(pose.agree)):
             return None
-        if pose.parallax_rad > np.deg2rad(s.parallax_deg):
+        parallax = float(np.sqrt(np.mean(2 - 2 * (p * turned(q, pose.phi)).sum(axis=1))))
+        if parallax > np.deg2rad(s.parallax_deg):
             return None
-        motion, covariance = np.array([0.0, 0.0, pose.phi_rad]), np.diag([(s.reach * step) ** 2] * 2 + [0.0])
-        length, sigma, failed = s.geometry.floor(before, now, one, other, pose)
-        if not failed and self._heights:
-            unit = step / float(np.median(self._heights))
-            motion, covariance = planar_motion(pose, unit * length, unit * sigma)
-            covariance = s.geometry.caution**2 * covariance + np.diag([(LEAST * step) ** 2] * 2 + [0.0])
+        motion, covariance = np.array([0.0, 0.0, pose.phi]), np.diag([(s.reach * step) ** 2] * 2 + [0.0])
+        if not pose.failed and self._heights:
+            told = floor_step(p, q, pose.phi, pose.beta, pose.noise_rad)
+            if not told.failed:
+                unit = step / float(np.median(self._heights))
+                scaled = told._replace(length=unit * told.length, variance=unit**2 * told.variance)
+                motion, covariance = propagated(pose, scaled)
+                covariance = covariance + np.diag([(LEAST * step) ** 2] * 2 + [0.0])
         covariance[2, 2] += np.deg2rad(s.turn_sigma_deg) ** 2
-        return Confirmed(pose.parallax_rad, node, motion, covariance)
+        return Confirmed(parallax, node, motion, covariance)

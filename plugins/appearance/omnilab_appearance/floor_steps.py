@@ -1,0 +1,79 @@
+"""How far a camera moved, from the points it sees on the floor."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from omnilab.api import Floats
+
+LOWEST = 0.2  # sine of the angle below the horizon: what is nearer to it lies too far to tell
+LEAST = 5  # points that agree
+FLOOR_SHARE = (
+    0.25  # of the highest density: what is denser at a shorter length is the floor, the highest a table or a wall
+)
+
+REACH = 2.0  # standard deviations within which points lie at one length; farther, clutter on the floor creeps in
+UNEVEN = 0.012  # of the length: what its standard deviation is at least, from resampling and the floor (measured)
+
+
+class Step(NamedTuple):
+    """A length in heights of the camera above the floor, NaN where it cannot be told."""
+
+    length: float
+    variance: float
+    points: int  # how many agree
+    failed: str = ""
+
+
+def floor_step(p: Floats, q: Floats, phi: float, beta: float, noise_rad: float) -> Step:
+    """The step in camera heights, from matched directions p and q (M, 3) of which some show the floor.
+
+    A direction below the horizon meets the floor at p_xy / -p_z. What stands above the floor by a share h of the
+    camera's height moves as if the step were longer by 1 / (1 - h), and nothing lies below: so the floor is the shortest
+    length on which many points agree, not that on which most do.
+    """
+    back = turned(q, phi)
+    low = (p[:, 2] < -LOWEST) & (back[:, 2] < -LOWEST)
+    if low.sum() < LEAST:
+        return Step(np.nan, np.inf, int(low.sum()), f"{low.sum()} points of the floor")
+    t = np.array([np.cos(beta), np.sin(beta)])
+    lengths, variances = _apart(p[low], back[low], t, noise_rad)
+    spread = np.sqrt(variances)
+    near = (lengths[:, None] - lengths) / spread
+    density = (np.exp(-0.5 * near**2) / spread).sum(axis=1)
+    density[lengths <= 0] = 0
+    dense = density >= FLOOR_SHARE * density.max()
+    return _refined(lengths[dense].min(), lengths, variances, density)
+
+
+def turned(q: Floats, phi: float) -> Floats:
+    """Directions (M, 3) of a camera that has turned by phi, in the axes it had before."""
+    c, s = np.cos(phi), np.sin(phi)
+    return np.asarray(q @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]))
+
+
+def _apart(p: Floats, turned: Floats, t: Floats, noise_rad: float) -> tuple[Floats, Floats]:
+    """How far points on the floor moved against t (2,), and its variances, (K,) in camera heights."""
+    where = [d[:, :2] / -d[:, 2:] for d in (p, turned)]
+    variances = np.zeros(len(p))
+    for d in (p, turned):
+        along = (d[:, :2] @ t) ** 2 / (d[:, :2] ** 2).sum(axis=1)
+        variances += noise_rad**2 * (along / d[:, 2] ** 4 + (1 - along) / d[:, 2] ** 2)
+    return (where[0] - where[1]) @ t, variances
+
+
+def _refined(start: float, lengths: Floats, variances: Floats, density: Floats) -> Step:
+    """The weighted mean of the lengths around the densest one near `start`, and how well it is known."""
+    spread = np.sqrt(variances)
+    around = np.abs(lengths - start) < REACH * spread
+    length = float(lengths[around][density[around].argmax()])
+    for _ in range(10):
+        weight = np.where(np.abs(lengths - length) < REACH * spread, 1 / variances, 0.0)
+        length = float((weight * lengths).sum() / weight.sum())
+    points = int((weight > 0).sum())
+    if points < LEAST or length <= 0:
+        return Step(np.nan, np.inf, points, f"{points} points of the floor agree")
+    excess = (weight * (lengths - length) ** 2).sum() / max(points - 1, 1)
+    return Step(length, float(max(1.0, excess) / weight.sum() + (UNEVEN * length) ** 2), points)

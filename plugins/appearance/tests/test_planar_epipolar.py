@@ -1,0 +1,316 @@
+"""Relative poses of synthetic matches, and of pictures of a room whose rays are intersected one by one."""
+
+from __future__ import annotations
+
+import pickle
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.stats import kstest
+
+from omnilab.api import Circle, Frames, Unusable
+from omnilab.errors import ConfigError, DataError
+from omnilab.geometry import wrap_angle
+from omnilab.projection import (
+    CylindricalCamera,
+    EquirectangularCamera,
+    FisheyeCamera,
+    HyperbolicMirror,
+    ImageCircle,
+    ParabolicMirror,
+    UnifiedCamera,
+)
+from omnilab.testing import check_odometry
+from omnilab_appearance import PlanarEpipolar
+from omnilab_appearance.floor_steps import floor_step
+from omnilab_appearance.planar import Solver, chosen, errors, essential, pose_of, relative_pose
+from omnilab_appearance.planar_epipolar import Length
+from omnilab_appearance.sightings import Detector, Sighting, matched, sightings
+
+MIRROR = HyperbolicMirror(480, crop=0.5)
+HORIZONTAL = st.floats(-np.pi, np.pi)
+
+
+def turned(points, phi):
+    """Points (M, 3) of the second camera's frame in axes of the first."""
+    c, s = np.cos(phi), np.sin(phi)
+    return points @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+
+
+def matches(rng, count, phi, beta, length=0.3, noise=0.0, wrong=0):
+    """Directions of points all around, 1 to 4 units off; of the last `wrong` the second are of other points."""
+    points = rng.standard_normal((count, 3))
+    points *= rng.uniform(1, 4, (count, 1)) / np.linalg.norm(points, axis=1, keepdims=True)
+    seen = turned(points - length * np.array([np.cos(beta), np.sin(beta), 0]), -phi)
+    seen[count - wrong :] = rng.standard_normal((wrong, 3))
+    return [noisy(d, noise, rng) for d in (points, seen)]
+
+
+def noisy(points, noise, rng):
+    directions = points / np.linalg.norm(points, axis=1, keepdims=True) + noise * rng.standard_normal(points.shape)
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+@given(HORIZONTAL, HORIZONTAL, st.floats(0.05, 0.9), st.sampled_from(Solver), st.integers(0, 9))
+@settings(max_examples=80, deadline=None)
+def test_exact_matches_give_the_exact_motion(phi, beta, length, solver, seed):
+    rng = np.random.default_rng(seed)
+    p, q = matches(rng, 60, phi, beta, length)
+    told = pose_of(p, q, rng, solver)
+    assert told.failed == ""
+    assert abs(wrap_angle(told.phi - phi)) < 1e-6
+    assert abs(wrap_angle(told.beta - beta)) < 1e-5
+    assert told.agree.all()
+
+
+@given(HORIZONTAL, HORIZONTAL)
+@settings(max_examples=30)
+def test_the_essential_matrix_is_that_of_the_motion(phi, beta):
+    rng = np.random.default_rng(0)
+    p, q = matches(rng, 20, phi, beta)
+    t = np.array([np.cos(beta), np.sin(beta), 0])
+    cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
+    np.testing.assert_allclose(essential(phi, beta), cross @ turned(np.eye(3), phi).T, atol=1e-12)
+    assert errors(p, q, phi, beta).max() < 1e-9
+    for E in (essential(phi, beta), -essential(phi, beta)):
+        np.testing.assert_allclose(wrap_angle(np.subtract(chosen(E, p, q), (phi, beta))), 0, atol=1e-9)
+
+
+@pytest.mark.parametrize("solver", Solver)
+def test_wrong_matches_are_left_out(solver):
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        phi, beta = rng.uniform(-3, 3, 2)
+        p, q = matches(rng, 300, phi, beta, noise=1e-3, wrong=120)
+        told = pose_of(p, q, rng, solver)
+        assert abs(wrap_angle(told.phi - phi)) < 0.002
+        assert abs(wrap_angle(told.beta - beta)) < 0.01
+        assert told.agree[:180].mean() > 0.98
+        assert told.agree[180:].mean() < 0.1
+
+
+@pytest.mark.parametrize(("count", "noise"), [(30, 1e-3), (150, 3e-4), (150, 2e-3)])
+def test_errors_are_as_the_covariance_says(count, noise):
+    rng = np.random.default_rng(1)
+    squares = []
+    for _ in range(300):
+        phi, beta = rng.uniform(-3, 3, 2)
+        told = pose_of(*matches(rng, count, phi, beta, noise=noise), rng, tolerance_deg=1)
+        error = wrap_angle(np.array([told.phi - phi, told.beta - beta]))
+        squares.append(error @ np.linalg.solve(told.covariance, error))
+    assert np.mean(squares) == pytest.approx(2, rel=0.25)
+    if count > 100:  # with few matches the noise itself is known too badly for the square to be chi-square
+        assert kstest(squares, "chi2", args=(2,)).pvalue > 1e-3
+
+
+@given(HORIZONTAL, st.sampled_from([0.0, 1e-3]))
+@settings(max_examples=20, deadline=None)
+def test_a_rotation_alone_is_told_and_no_direction(phi, noise):
+    rng = np.random.default_rng(4)
+    told = pose_of(*matches(rng, 200, phi, 0.0, length=0.0, noise=noise), rng)
+    assert "no parallax" in told.failed
+    assert abs(wrap_angle(told.phi - phi)) < 5 * np.sqrt(told.covariance[0, 0])
+    assert np.isnan(told.beta)
+    assert np.isinf(told.covariance[1, 1])
+
+
+def test_too_few_matches_and_matches_that_do_not_agree_are_said():
+    rng = np.random.default_rng(0)
+    assert pose_of(*matches(rng, 5, 0.1, 0.2), rng).failed == "5 matches"
+    assert pose_of(np.zeros((0, 3)), np.zeros((0, 3)), rng).failed == "0 matches"
+    told = pose_of(*matches(rng, 40, 0.1, 0.2, wrong=40), rng, tolerance_deg=0.05)
+    assert "of 40 matches agree" in told.failed
+    assert np.isnan(told.phi)
+
+
+def test_points_at_the_horizon_tell_no_motion():
+    azimuth = np.linspace(0, 6, 50)
+    p = np.stack([np.cos(azimuth), np.sin(azimuth), 0 * azimuth], -1)
+    assert pose_of(p, turned(p, -0.1), np.random.default_rng(0)).failed
+
+
+def test_the_same_seed_gives_the_same_bits():
+    p, q = matches(np.random.default_rng(5), 100, 0.3, 1.0, noise=2e-3, wrong=60)
+    first, again = (pose_of(p, q, np.random.default_rng(7)) for _ in range(2))
+    assert first.phi == again.phi
+    assert first.beta == again.beta
+    np.testing.assert_array_equal(first.covariance, again.covariance)
+
+
+@given(HORIZONTAL, HORIZONTAL, st.floats(0.03, 0.5))
+@settings(max_examples=30)
+def test_the_floor_is_what_lies_lowest(phi, beta, length):
+    rng = np.random.default_rng(3)
+    heights = np.repeat([-1.0, -0.6], [20, 40])  # most points lie on tables
+    points = np.column_stack([rng.uniform(-2, 2, (60, 2)), heights])
+    seen = turned(points - length * np.array([np.cos(beta), np.sin(beta), 0]), -phi)
+    told = floor_step(noisy(points, 0, rng), noisy(seen, 0, rng), phi, beta, 1e-4)
+    assert told.length == pytest.approx(length, rel=1e-6)
+    assert told.points <= 20
+
+
+# ------------------------------------------------------------------------------------------------ pictures of a room
+@cache
+def speckles():
+    rng = np.random.default_rng(0)
+    layers = [gaussian_filter(rng.standard_normal((1024, 1024)), s, mode="wrap") for s in (3, 6, 12)]
+    return sum(layer / layer.std() for layer in layers)
+
+
+def seen_from(x, y, heading, camera, radius=3.0, height=1.0):
+    """A round room with speckled floor, wall and ceiling, by intersecting the camera's rays with them."""
+    v, u = np.mgrid[: camera.height, : camera.width]
+    d = turned(camera.directions(np.stack([u, v], -1).astype(float)), heading)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        flat = (d[..., :2] ** 2).sum(-1)
+        middle = -(d[..., 0] * x + d[..., 1] * y)
+        wall = (middle + np.sqrt(middle**2 - flat * (x**2 + y**2 - radius**2))) / flat
+        level = np.where(d[..., 2] < 0, -height / d[..., 2], 2 * height / d[..., 2])
+        reach = np.minimum(wall, level)
+        px, py, pz = x + reach * d[..., 0], y + reach * d[..., 1], reach * d[..., 2]
+        on_wall = [np.arctan2(py, px) * 1024 / (2 * np.pi), 100 * pz]
+        where = np.where(wall < level, on_wall, [512 + 100 * px, 300 * (pz > 0) + 100 * py])
+    grey = map_coordinates(speckles(), np.nan_to_num(where), order=1, mode="grid-wrap")
+    return np.where(np.isfinite(reach), np.clip(127 + 30 * grey, 0, 255), 0).astype(np.uint8)
+
+
+def frames(images, camera):
+    n = len(images)
+    return Frames(np.stack(images), [str(k) for k in range(n)], np.arange(n), camera, np.arange(n))
+
+
+FRAME = {"width": 480, "height": 480, "cx": 239.5, "cy": 239.5, "rim_px": 239.0}
+CAMERAS = {
+    "hyperbolic": MIRROR,
+    "parabolic": ParabolicMirror(480),
+    "unified": UnifiedCamera(**FRAME, fx=160.0, fy=160.0, xi=0.9),
+    "equirectangular": EquirectangularCamera(720, 360),
+    "cylindrical": CylindricalCamera(720, 240),
+    "fisheye looking up": FisheyeCamera(**FRAME, focal_px=150.0, looks="up"),
+}
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_every_camera_model_tells_the_motion(name):
+    camera = CAMERAS[name]
+    at = [(0.3, -0.2, 0.5), (0.3 + 0.2 * np.cos(1.7), -0.2 + 0.2 * np.sin(1.7), 0.8)]
+    looks = PlanarEpipolar().look(frames([seen_from(*pose, camera) for pose in at], camera))
+    told = relative_pose(*looks, np.random.default_rng(0))
+    assert told.failed == ""
+    assert abs(wrap_angle(told.phi - 0.3)) < np.deg2rad(0.3)
+    assert abs(wrap_angle(told.beta - 1.2)) < np.deg2rad(3)
+
+
+@pytest.fixture(scope="module")
+def pair():
+    poses = [(0.3, -0.2, 0.5), (0.3 + 0.2 * np.cos(1.7), -0.2 + 0.2 * np.sin(1.7), 0.8), (0.25, 0.2, 0.7)]
+    return frames([seen_from(*pose, MIRROR) for pose in poses], MIRROR)
+
+
+@pytest.mark.parametrize("odometry", [PlanarEpipolar(), PlanarEpipolar(length=Length.poc)], ids=["floor", "poc"])
+def test_the_contract(odometry, pair):
+    check_odometry(odometry, pair)
+
+
+def test_lengths_by_the_floor_are_heights_of_the_camera_or_metres(pair):
+    odometry, metric = PlanarEpipolar(), PlanarEpipolar(height_m=0.8)
+    a, b, _ = odometry.look(pair)
+    told, scaled = (o.motion(a, b, np.random.default_rng(0)) for o in (odometry, metric))
+    assert (told.unit, scaled.unit) == ("camera heights", "m")
+    truth = np.array([0.2 * np.cos(1.2), 0.2 * np.sin(1.2), 0.3])
+    assert np.abs(told.vector - truth)[:2].max() < 0.01
+    assert (np.abs(told.vector - truth) < 5 * np.sqrt(np.diag(told.covariance))).all()
+    np.testing.assert_allclose(scaled.vector, told.vector * [0.8, 0.8, 1])
+    np.testing.assert_allclose(scaled.covariance, told.covariance * np.outer([0.8, 0.8, 1], [0.8, 0.8, 1]))
+    assert told.matches.shape == (len(told.agree), 2, 2)
+
+
+def test_looks_stay_small_and_pickle(pair):
+    look = PlanarEpipolar().look(pair.at(0))[0]
+    assert sum(part.nbytes for part in look[:3]) < 62_000
+    again = pickle.loads(pickle.dumps(look))
+    np.testing.assert_array_equal(again.directions, look.directions)
+
+
+def test_features_across_the_seam_are_found():
+    camera = EquirectangularCamera(512, 256)
+    look = sightings(frames([seen_from(0, 0, 0, camera)], camera), Detector.sift, 400, 12)[0]
+    azimuth = look.azimuth_level[:, 0]
+    assert ((azimuth < 0.1) | (azimuth > 2 * np.pi - 0.1)).sum() >= 5
+    np.testing.assert_allclose(
+        np.mod(np.arctan2(look.directions[:, 1], look.directions[:, 0]), 2 * np.pi), azimuth, atol=1e-5
+    )
+
+
+def test_surf_features_tell_the_motion_too(pair):
+    odometry = PlanarEpipolar(detector=Detector.surf, tolerance_deg=1.0)
+    a, b, _ = odometry.look(pair)
+    told = relative_pose(a, b, np.random.default_rng(0), tolerance_deg=1.0)
+    assert abs(wrap_angle(told.phi - 0.3)) < np.deg2rad(1)
+    assert abs(wrap_angle(told.beta - 1.2)) < np.deg2rad(8)
+
+
+def test_a_repeated_image_shows_no_parallax(pair):
+    odometry = PlanarEpipolar()
+    look = odometry.look(pair.at(0))[0]
+    told = odometry.motion(look, look, np.random.default_rng(0))
+    assert "no parallax" in told.failed
+    assert np.isnan(told.vector[:2]).all()
+    assert abs(told.vector[2]) < 1e-6
+
+
+def test_images_in_which_there_is_nothing_are_unusable():
+    shape = (480, 480)
+    black, grey = np.zeros(shape, np.uint8), np.full(shape, 90, np.uint8)
+    plain = np.broadcast_to(np.linspace(20, 200, 480).astype(np.uint8), shape)
+    looks = PlanarEpipolar().look(frames([black, grey, plain], MIRROR))
+    assert all(isinstance(look, Unusable) for look in looks)
+    assert looks[0].reason == "black"
+    assert "flat" in looks[1].reason
+    assert "features" in looks[2].reason
+
+
+def test_an_uncalibrated_camera_is_refused(pair):
+    circle = ImageCircle(480, 480, Circle(239.5, 239.5, 200.0))
+    with pytest.raises(DataError, match="calibration"):
+        PlanarEpipolar().look(frames(list(pair.images), circle))
+
+
+def test_a_camera_without_a_floor_says_so():
+    rng = np.random.default_rng(0)
+    p, q = matches(rng, 100, 0.1, 0.2)
+    up = p[:, 2] > 0.1
+
+    def sighting(directions):
+        vectors = np.eye(100, 128, dtype=np.uint8)[up] * 200
+        return Sighting(directions[up], np.zeros((up.sum(), 2)), vectors)
+
+    told = PlanarEpipolar().motion(sighting(p), sighting(q), rng)
+    assert told.failed == "0 points of the floor"
+    assert told.vector[2] == pytest.approx(0.1, abs=1e-6)
+
+
+def test_matches_are_mutual_and_clear():
+    def sighting(vectors):
+        n = len(vectors)
+        return Sighting(np.zeros((n, 3)), np.zeros((n, 2)), np.asarray(vectors, np.float32))
+
+    before = sighting([[1, 0, 0], [0, 1, 0], [0.1, 0, 1], [0, 0, 1]])  # the third is nobody's best
+    now = sighting([[0, 0.05, 1], [1, 0.05, 0], [0, 1, 0.07], [0, 1, -0.08]])  # the last two are alike
+    i, j = matched(before, now, 0.8)
+    np.testing.assert_array_equal(i, [0, 3])
+    np.testing.assert_array_equal(j, [1, 0])
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"features": 0}, {"ratio": 1.5}, {"tolerance_deg": 0}, {"draws": 0}, {"least_matches": 2}, {"height_m": -1.0}],
+    ids=str,
+)
+def test_settings_that_cannot_be_used_are_refused(wrong):
+    with pytest.raises(ConfigError):
+        PlanarEpipolar(**wrong)
