@@ -44,7 +44,10 @@ def floor_step(p: Floats, q: Floats, phi: float, beta: float, noise_rad: float) 
     near = (lengths[:, None] - lengths) / spread
     density = (np.exp(-0.5 * near**2) / spread).sum(axis=1)
     density[lengths <= 0] = 0
-    dense = density >= FLOOR_SHARE * density.max()
+    enough = (np.abs(near) < REACH).sum(axis=0) >= LEAST  # as seen from each length, by those that lie there
+    dense = enough & (density >= FLOOR_SHARE * density[enough].max(initial=0))
+    if not dense.any():
+        return Step(np.nan, np.inf, 0, "no points of the floor agree")
     return _refined(lengths[dense].min(), lengths, variances, density)
 
 
