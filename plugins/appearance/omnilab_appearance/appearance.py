@@ -50,7 +50,7 @@ class Appearance:
     ones lies on the right of the direction of motion.
     """
 
-    features: Features = field(default_factory=surf)
+    features: Features = field(default_factory=surf)  # what finds local features
     ratio: float = 0.8  # a match is so much nearer than the second best, both ways
     least: int = 10  # matches, or the step has failed
     ties: Ties = Ties.first  # as printed; or middle of the windows that win

@@ -24,7 +24,7 @@ class AppearanceFit(Appearance):
     an error of the turn, which is known to a sample of the Radon transform: it is fitted, too, and taken off.
     """
 
-    features: Features = field(default_factory=Features)
+    features: Features = field(default_factory=Features)  # what finds local features
     direction_sigma_deg: float = 8.0  # of a direction of motion
 
     def _direction(self, azimuth_rad: Floats, moved_rad: Floats) -> tuple[float, float | None, float]:

@@ -43,7 +43,7 @@ class PlanarEpipolar:
     eq. 6.4, 6.5); its unit is not known.
     """
 
-    features: Features = field(default_factory=Features)
+    features: Features = field(default_factory=Features)  # what finds local features
     ratio: float = 0.85  # a match is so much nearer than the second best, both ways
     solver: Solver = Solver.two_point  # of each draw: two_point, or linear as printed
     draws: int = 300  # of matches, at most

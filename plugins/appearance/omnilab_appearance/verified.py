@@ -33,6 +33,7 @@ class Verified:
     least: int = 40  # matches that agree
     share: float = 0.4  # of the matches that agree
     parallax_deg: float = 4.0  # root mean square, of matches that agree: at most
+    parallax_steps: float = 2.0  # and at most so many times that of usual neighbours in time, near walls or far
     exclude: int = 30  # images just before that are not compared with
     most: int = 1  # closures of an image, those that moved least
     reach: float = 1.0  # standard deviation of the position, in usual steps
@@ -46,10 +47,11 @@ class Verified:
             raise ConfigError(
                 f"candidates={self.candidates}, alike={self.alike:g} propose nothing; give 1 or more, above 0"
             )
-        if self.least < 4 or not 0 <= self.share <= 1 or not self.parallax_deg > 0:
+        if self.least < 4 or not 0 <= self.share <= 1 or not min(self.parallax_deg, self.parallax_steps) > 0:
             raise ConfigError(
-                f"least={self.least}, share={self.share:g}, parallax_deg={self.parallax_deg:g} confirm nothing; give 4 matches"
-                " or more, a share up to 1, and degrees above 0"
+                f"least={self.least}, share={self.share:g}, parallax_deg={self.parallax_deg:g}, parallax_steps="
+                f"{self.parallax_steps:g} confirm nothing; give 4 matches"
+                " or more, a share up to 1, and the others above 0"
             )
         RadonHog(self.cells, self.bins)
 
@@ -65,6 +67,7 @@ class VerifiedMemory:
         self._settings, self._hogs = settings, Remembered()
         self._sightings: list[Sighting | None] = []  # None of what is unusable
         self._steps: list[float] = []  # distances between images that follow each other
+        self._parallaxes: list[float] = []  # and what matches moved between them
 
     def recall(self, frames: Frames, look: Any, step: float, rng: np.random.Generator) -> Closures:
         """See `omnilab.api.Memory`."""
@@ -76,6 +79,7 @@ class VerifiedMemory:
         if sighting is None or len(self._hogs) < 2:
             return none(0)
         self._steps.append(float(self._hogs.distances(0)[-1]))
+        self._watch(sighting, rng)
         distances = self._hogs.distances(s.exclude)
         likely = np.argsort(distances, kind="stable")[: s.candidates]
         likely = likely[distances[likely] <= s.alike * np.median(self._steps)]
@@ -99,6 +103,14 @@ class VerifiedMemory:
         (found,) = self._settings.geometry.features.sightings(frames)
         return None if isinstance(found, Unusable) else found
 
+    def _watch(self, now: Sighting, rng: np.random.Generator) -> None:
+        """Note how far matches move in a step: what is near moves more, in a corridor more than in a hall."""
+        before = self._sightings[-2]
+        if before is not None:
+            pose = self._settings.geometry.relative(before, now, rng)[2]
+            if pose.turned:
+                self._parallaxes.append(pose.parallax_rad)
+
     def _confirmed(self, node: int, now: Sighting, rng: np.random.Generator) -> tuple[float, int, float, float] | None:
         """Parallax, node, turn and its deviation, if an image shows the place of a node."""
         s, before = self._settings, self._sightings[node]
@@ -107,7 +119,8 @@ class VerifiedMemory:
         one, _, pose = s.geometry.relative(before, now, rng)
         if not pose.turned or pose.agree.sum() < max(s.least, s.share * len(one)):
             return None
-        if pose.parallax_rad > np.deg2rad(s.parallax_deg):
+        usual = float(np.median(self._parallaxes)) if self._parallaxes else np.inf
+        if pose.parallax_rad > min(np.deg2rad(s.parallax_deg), s.parallax_steps * usual):
             return None
         sigma = s.geometry.caution * float(np.sqrt(min(pose.covariance[0, 0], 1.0)))
         return pose.parallax_rad, node, pose.phi_rad, max(sigma, float(np.deg2rad(s.turn_sigma_deg)))
