@@ -37,6 +37,7 @@ from omnilab_appearance.ring_key import RingKey
 from omnilab_appearance.root import Root
 from omnilab_appearance.rotational_pca import RotationalPca
 from omnilab_appearance.sift import Sift
+from omnilab_appearance.simulated import Simulated
 from omnilab_appearance.smacof import Smacof
 from omnilab_appearance.spring import Spring
 from omnilab_appearance.surf import Surf
@@ -85,6 +86,7 @@ __all__ = [
     "Root",
     "RotationalPca",
     "Sift",
+    "Simulated",
     "Smacof",
     "Spring",
     "Surf",
@@ -163,6 +165,7 @@ def register_odometries(register: Register) -> None:
     register("appearance", Appearance)
     register("appearance_fit", AppearanceFit)
     register("planar_epipolar", PlanarEpipolar)
+    register("simulated", Simulated)
 
 
 @hookimpl

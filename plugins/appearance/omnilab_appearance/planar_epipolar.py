@@ -8,8 +8,8 @@ from enum import Enum
 
 import numpy as np
 
-from omnilab.api import CalibratedCamera, Floats, Frames, Ints, Motion, Signatures, Unusable
-from omnilab.errors import ConfigError, DataError
+from omnilab.api import Floats, Frames, Ints, Motion, Signatures, Unusable
+from omnilab.errors import ConfigError
 from omnilab.projection import view_of
 from omnilab_appearance.features import Features
 from omnilab_appearance.floor_steps import Step, floor_step
@@ -17,7 +17,7 @@ from omnilab_appearance.planar import ALIKE, RelativePose, Solver, pose_of
 from omnilab_appearance.poc_squared import PocSquared
 from omnilab_appearance.radon import Radon
 from omnilab_appearance.sift import check_count
-from omnilab_appearance.sightings import Detector, Sighting, matched, on_sphere, sightings
+from omnilab_appearance.sightings import Detector, Sighting, check_calibrated, matched, on_sphere, sightings
 
 POC_SPREAD = 0.25  # standard deviation of a length by POC, of the length
 
@@ -63,11 +63,7 @@ class PlanarEpipolar:
 
     def look(self, frames: Frames) -> Sequence[Sighting | Unusable]:
         """The features of each image on the unit sphere; DataError if the camera is not calibrated."""
-        if not isinstance(frames.camera, CalibratedCamera):
-            raise DataError(
-                f"a {type(frames.camera).__name__} does not know where its pixels look, which planar_epipolar needs; give"
-                " the images a calibration, or choose odometry=appearance"
-            )
+        check_calibrated(frames.camera, "odometry=appearance")
         seen = sightings(frames, self.detector, self.features, self.least_matches)
         if self.length is not Length.poc:
             return seen

@@ -123,6 +123,15 @@ def _surf(picture: Bytes, mask: Bools, features: int) -> tuple[Floats, npt.NDArr
     return found[:, 1::-1] - [SEAM, 0], found[:, 6:].astype(np.float16)
 
 
+def check_calibrated(camera: Camera, instead: str) -> None:
+    """DataError for a camera that does not know where its pixels look; it names what does without."""
+    if not isinstance(camera, CalibratedCamera):
+        raise DataError(
+            f"a {type(camera).__name__} does not know where its pixels look, and planar geometry needs that; give the images"
+            f" a calibration, or choose {instead}"
+        )
+
+
 def on_sphere(sighting: Sighting) -> Floats:
     """Unit directions (F, 3); DataError of an uncalibrated camera."""
     if sighting.directions is None:

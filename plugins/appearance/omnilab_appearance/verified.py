@@ -12,11 +12,12 @@ from omnilab.errors import ConfigError
 from omnilab.projection import view_of
 from omnilab_appearance.floor_steps import floor_step, turned
 from omnilab_appearance.hog_threshold import check_memory, hog_of, none
+from omnilab_appearance.planar import RelativePose
 from omnilab_appearance.planar_epipolar import PlanarEpipolar, propagated
 from omnilab_appearance.radon import Radon
 from omnilab_appearance.radon_hog import RadonHog
 from omnilab_appearance.remembered import Remembered
-from omnilab_appearance.sightings import Sighting
+from omnilab_appearance.sightings import Sighting, check_calibrated
 
 EVERY = 5  # images: how often the length of a step is measured
 LEAST = 0.2  # usual steps: standard deviation of a position, at least
@@ -38,6 +39,7 @@ class Verified:
     least: int = 40  # matches that agree
     share: float = 0.4  # of the matches that agree
     parallax_deg: float = 4.0  # root mean square, of matches that agree: at most
+    parallax_steps: float = 2.0  # and at most so many times that of usual steps, near walls or far from them
     exclude: int = 30  # images just before that are not compared with
     most: int = 1  # closures of an image, those that moved least
     reach: float = 1.0  # standard deviation of the position where the floor tells no length, in usual steps
@@ -79,6 +81,7 @@ class VerifiedMemory:
         self._settings, self._hogs = settings, Remembered()
         self._sightings: list[Sighting | None] = []  # None of what is unusable
         self._steps: list[float] = []  # distances between images that follow each other
+        self._parallaxes: list[float] = []  # of some steps, root mean squares in radians
         self._heights: list[float] = []  # lengths of some steps, in heights of the camera
 
     def recall(self, frames: Frames, look: Any, step: float, rng: np.random.Generator) -> Closures:
@@ -91,7 +94,7 @@ class VerifiedMemory:
         if sighting is None or len(self._hogs) < 2:
             return none(0)
         self._steps.append(float(self._hogs.distances(0)[-1]))
-        if len(self._hogs) % EVERY == 0:
+        if len(self._hogs) % EVERY == 2:  # the first step already
             self._measure(rng)
         distances = self._hogs.distances(s.exclude)
         likely = np.argsort(distances, kind="stable")[: s.candidates]
@@ -109,6 +112,8 @@ class VerifiedMemory:
         before, now = self._sightings[-2:]
         if before is not None and now is not None:
             pose, p, q = self._settings.geometry.relative(before, now, rng)
+            if not np.isnan(pose.phi):
+                self._parallaxes.append(_parallax(pose, p, q))
             if not pose.failed and not (told := floor_step(p, q, pose.phi, pose.beta, pose.noise_rad)).failed:
                 self._heights.append(told.length)
 
@@ -118,6 +123,7 @@ class VerifiedMemory:
             return None
         if isinstance(look, Sighting):
             return look._replace(radon=None)
+        check_calibrated(frames.camera, "loop_closure=hog_threshold")
         (found,) = self._settings.geometry.look(frames)
         return None if isinstance(found, Unusable) else found
 
@@ -129,8 +135,9 @@ class VerifiedMemory:
         pose, p, q = s.geometry.relative(before, now, rng)
         if np.isnan(pose.phi) or len(p) < max(s.least, s.share * len(pose.agree)):
             return None
-        parallax = float(np.sqrt(np.mean(2 - 2 * (p * turned(q, pose.phi)).sum(axis=1))))
-        if parallax > np.deg2rad(s.parallax_deg):
+        parallax = _parallax(pose, p, q)
+        usual = float(np.median(self._parallaxes)) if self._parallaxes else np.inf
+        if parallax > min(np.deg2rad(s.parallax_deg), s.parallax_steps * usual):
             return None
         motion, covariance = np.array([0.0, 0.0, pose.phi]), np.diag([(s.reach * step) ** 2] * 2 + [0.0])
         if not pose.failed and self._heights:
@@ -142,3 +149,8 @@ class VerifiedMemory:
                 covariance = covariance + np.diag([(LEAST * step) ** 2] * 2 + [0.0])
         covariance[2, 2] += np.deg2rad(s.turn_sigma_deg) ** 2
         return Confirmed(parallax, node, motion, covariance)
+
+
+def _parallax(pose: RelativePose, p: Floats, q: Floats) -> float:
+    """By how much matches (K, 3) that agree moved beside the turn, root mean square in radians."""
+    return float(np.sqrt(np.mean((p - turned(q, pose.phi)) ** 2) * 3))

@@ -1,0 +1,90 @@
+"""Odometry that was recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from omnilab.api import Floats, Frames, Ints, Motion
+from omnilab.errors import ConfigError, DataError
+from omnilab.geometry import planar_poses
+from omnilab.graphs import inverse, vectors
+from omnilab.trajectory_files import read_trajectory
+
+
+class Reading(NamedTuple):
+    """Where the wheels were when an image was taken."""
+
+    pose: Floats  # (3,) x, y in metres and heading, in a frame that drifts; NaN where the file does not say
+
+
+class _Record(NamedTuple):
+    pose: Floats  # (N, 3), headings without jumps
+    stamps_ns: Ints | None  # (N,)
+
+
+@dataclass
+class Recorded:
+    """Wheel odometry from a file: poses in a frame of its own that drifts, of which only the differences are used.
+
+    The file is one that `omnilab.trajectory_files.read_trajectory` reads, with the poses of the camera (of a robot, where
+    the camera stands over its centre and looks ahead). With stamps, a pose is interpolated at the time of the image, on
+    the sensor's clock; without, the file's rows are the frames of the plan. The covariance is of the settings below.
+    """
+
+    file: str = "???"  # the poses: TUM's format, or a CSV
+    translation_noise: float = 0.05  # standard deviation of x and of y, as a share of the step
+    still_noise_m: float = 0.001  # and at least, of a step of no length
+    heading_noise_deg: float = 0.5  # standard deviation of the heading, however little the camera turns
+    turn_noise: float = 0.02  # and besides, as a share of the turn
+
+    def __post_init__(self) -> None:
+        shares, least = (self.translation_noise, self.turn_noise), (self.still_noise_m, self.heading_noise_deg)
+        if not (all(0 <= s < np.inf for s in shares) and all(0 < s < np.inf for s in least)):
+            raise ConfigError(
+                f"translation_noise={self.translation_noise:g}, turn_noise={self.turn_noise:g}, still_noise_m="
+                f"{self.still_noise_m:g}, heading_noise_deg={self.heading_noise_deg:g} are no noise; give shares from 0 and"
+                " the last two above 0"
+            )
+
+    def look(self, frames: Frames) -> Sequence[Reading]:
+        """The recorded pose of each image; DataError for a file without stamps that is too short."""
+        pose, stamps = self._record
+        if stamps is not None:
+            time, asked = (t - stamps[0] for t in (stamps, frames.stamps_ns))  # floats hold no nanoseconds since 1970
+            found = [np.interp(asked, time, column, left=np.nan, right=np.nan) for column in pose.T]
+            return [Reading(one) for one in np.column_stack(found)]
+        if len(frames) and (last := int(frames.plan_index.max())) >= len(pose):
+            raise DataError(
+                f"{self.file} has {len(pose)} poses and no stamps, and image {last + 1} is asked for; give a pose for each"
+                " image, or stamps"
+            )
+        return [Reading(one) for one in pose[frames.plan_index]]
+
+    def motion(self, before: Reading, now: Reading, rng: np.random.Generator) -> Motion:  # noqa: ARG002
+        """The second pose in the frame of the first, in metres; draws nothing."""
+        both = np.stack([before.pose, now.pose])
+        if not np.isfinite(both).all():
+            return Motion(
+                np.full(3, np.nan), np.eye(3), "m", "the odometry's file ends before or begins after an image"
+            )
+        T = planar_poses(np.column_stack([both[:, :2], np.zeros(2)]), both[:, 2])
+        (vector,) = vectors((inverse(T[0]) @ T[1])[None], planar=True)
+        place = np.hypot(self.translation_noise * np.hypot(*vector[:2]), self.still_noise_m)
+        heading = np.hypot(np.deg2rad(self.heading_noise_deg), self.turn_noise * vector[2])
+        return Motion(vector, np.diag([place**2, place**2, heading**2]), "m")
+
+    @cached_property
+    def _record(self) -> _Record:
+        path = read_trajectory(Path(self.file))
+        stamps = path.stamps_ns
+        if stamps is not None and (np.diff(stamps) <= 0).any():
+            row = int(np.argmax(np.diff(stamps) <= 0)) + 2
+            raise DataError(f"pose {row} of {self.file} is not later than the one before it; sort the file by time")
+        pose = vectors(path.T_world_camera, planar=True)
+        return _Record(np.column_stack([pose[:, :2], np.unwrap(pose[:, 2])]), stamps)

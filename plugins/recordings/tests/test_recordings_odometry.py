@@ -1,0 +1,93 @@
+"""Wheel odometry from files made by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from omnilab.api import Circle, Frames
+from omnilab.errors import ConfigError, DataError
+from omnilab.projection import ImageCircle
+from omnilab.testing import check_odometry
+from omnilab_recordings import Recorded
+
+CAMERA = ImageCircle(16, 16, Circle(7.5, 7.5, 8))
+START = 1_700_000_000  # seconds since 1970: too many nanoseconds for a float
+CSV = "x_m,y_m,z_m,yaw_deg\n5,5,0,90\n5,6,0,90\n4,6,0,170\n4,6,0,-170\n"
+
+
+def frames(stamps_s=(0, 1, 2), rows=None):
+    count = len(stamps_s)
+    stamps = START * 10**9 + np.array([round(s * 10**9) for s in stamps_s], np.int64)
+    rows = np.arange(count) if rows is None else np.array(rows)
+    return Frames(np.zeros((count, 16, 16), np.uint8), [str(i) for i in range(count)], stamps, CAMERA, rows)
+
+
+def tum(path, rows):
+    """Seconds, x, y, heading in degrees."""
+    half = [(t, x, y, np.deg2rad(h) / 2) for t, x, y, h in rows]
+    path.write_text("".join(f"{START + t} {x} {y} 0 0 0 {np.sin(h):.15f} {np.cos(h):.15f}\n" for t, x, y, h in half))
+    return Recorded(str(path))
+
+
+def table(tmp_path, text=CSV):
+    (tmp_path / "wheels.csv").write_text(text)
+    return Recorded(str(tmp_path / "wheels.csv"))
+
+
+def motion(odometry, images):
+    looks = odometry.look(images)
+    return odometry.motion(looks[0], looks[-1], np.random.default_rng(1))
+
+
+def test_conforms(tmp_path):
+    check_odometry(table(tmp_path), frames())
+    check_odometry(tum(tmp_path / "wheels.tum", [(0, 0, 0, 0), (1, 1, 0, 30), (2, 2, 1, 60)]), frames())
+
+
+def test_rows_without_stamps_are_those_of_the_plan(tmp_path):
+    found = motion(table(tmp_path), frames((7, 9), rows=[1, 2]))  # one metre to the left, while turning left
+    assert found.vector == pytest.approx([0, 1, np.deg2rad(80)])
+    assert found.unit == "m"
+    across = motion(table(tmp_path), frames((0, 1), rows=[2, 3]))  # 170 to -170 degrees
+    assert across.vector == pytest.approx([0, 0, np.deg2rad(20)])
+
+
+def test_too_short_a_file_is_told(tmp_path):
+    with pytest.raises(DataError, match=r"has 4 poses and no stamps, and image 5 is asked for; give a pose"):
+        table(tmp_path).look(frames((0, 1), rows=[3, 4]))
+
+
+def test_stamps_are_interpolated_across_half_a_turn(tmp_path):
+    odometry = tum(tmp_path / "wheels.tum", [(0, 0, 0, 170), (2, 4, 0, 190), (3, 4, 0, 190)])
+    at = np.array([look.pose for look in odometry.look(frames((0, 0.5, 1)))])
+    assert at[:, 0] == pytest.approx([0, 1, 2])
+    assert np.rad2deg(at[:, 2]) == pytest.approx([170, 175, 180])
+    exact = odometry.look(frames((1e-6,)))[0].pose[0]  # a microsecond after the first
+    assert exact == pytest.approx(2e-6, rel=1e-6)
+
+
+def test_images_before_and_after_the_file_fail_in_words(tmp_path):
+    odometry = tum(tmp_path / "wheels.tum", [(0, 0, 0, 0), (1, 1, 0, 0)])
+    for outside in ((-0.1, 0.5), (0.5, 1.1)):
+        assert "file" in motion(odometry, frames(outside)).failed
+    assert not motion(odometry, frames((0, 1))).failed
+
+
+def test_the_covariance_is_that_of_the_settings(tmp_path):
+    table(tmp_path)
+    odometry = Recorded(str(tmp_path / "wheels.csv"), 0.1, 0.01, 2.0, 0.1)
+    step = np.sqrt(np.diag(motion(odometry, frames((0, 1), rows=[1, 2])).covariance))
+    assert step == pytest.approx([np.hypot(0.1, 0.01)] * 2 + [np.deg2rad(np.hypot(2, 8))])
+
+
+def test_a_file_out_of_order_is_told(tmp_path):
+    with pytest.raises(DataError, match=r"pose 3 of .* is not later"):
+        tum(tmp_path / "wheels.tum", [(0, 0, 0, 0), (2, 1, 0, 0), (1, 2, 0, 0)]).look(frames())
+
+
+def test_settings_and_files_that_are_wrong_are_told(tmp_path):
+    with pytest.raises(ConfigError, match="are no noise; give"):
+        Recorded(heading_noise_deg=0)
+    with pytest.raises(DataError, match="cannot be read"):
+        Recorded(str(tmp_path / "none.tum")).look(frames())
