@@ -18,6 +18,8 @@ from omnilab_studies.robustness import Robustness
 from omnilab_studies.room import Room
 from omnilab_studies.steps import Steps
 from omnilab_studies.topological_map import TopologicalMap
+from omnilab_studies.view_count import ViewCount
+from omnilab_studies.view_range import ViewRange
 from omnilab_studies.views import Views
 
 __all__ = [
@@ -38,6 +40,8 @@ __all__ = [
     "Room",
     "Steps",
     "TopologicalMap",
+    "ViewCount",
+    "ViewRange",
     "Views",
 ]
 
@@ -62,3 +66,5 @@ def register_studies(register: Register) -> None:
     register("altitude", Altitude)
     register("joint", Joint)
     register("pose_graph", PoseGraphStudy)
+    register("view_range", ViewRange)
+    register("view_count", ViewCount)
