@@ -48,6 +48,9 @@ def against_count(rows: Rows, times: Rows, names: Sequence[str]) -> Figure:
         for row, one in zip(own, ms, strict=True):
             both.annotate(str(row["views"]), (one, row["rms_m"]), xytext=(3, 4), textcoords="offset points", fontsize=7)
     cost.set(xlabel="views N", ylabel="time of a step, median [ms]", title="Time", yscale="log", xscale="log")
+    marks = sorted({row["views"] for row in times})
+    cost.set_xticks(marks, [str(mark) for mark in marks])
+    cost.minorticks_off()
     both.set(
         xlabel="time of a step, median [ms]", ylabel="RMS error [m]", title="Error against time, N beside", xscale="log"
     )
@@ -70,7 +73,7 @@ def consistency(rows: Rows, key: str, label: str, names: Sequence[str]) -> Figur
             low.plot(x, [100 * row["nees_within"] for row in own], **style, label=name)
             high.axhspan(own[0]["nees_low"], own[0]["nees_high"], color=style["color"], alpha=0.12, linewidth=0)
         high.axhline(3, color=GREY, linewidth=1)
-        high.set(title=ground, ylabel="NEES, 3 expected (bands: 95 % of a step)", yscale="log")
+        high.set(title=ground, ylabel="NEES (3 expected, bands 95 %)", yscale="log")
         low.axhline(95, color=GREY, linewidth=1)
         low.set(xlabel=label, ylabel="steps within the bounds [%]", ylim=(0, 102))
         for axes in (high, low):
