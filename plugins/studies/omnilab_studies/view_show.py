@@ -14,6 +14,7 @@ from omnilab_studies.view_runs import Trace, follow
 from omnilab_studies.view_scenarios import Scenario
 
 STEP_NS = 500_000_000
+DOTS = 5  # a step of a way
 TRUTH, ODOMETRY, ESTIMATE, SEEN, WALL = (150, 160, 175), (233, 163, 32), (47, 109, 179), (42, 157, 92), (90, 96, 110)
 AXES = ("x_m", "y_m", "heading_deg")
 
@@ -82,10 +83,11 @@ def outlines(poses: Floats, spreads: Floats) -> PointCloud:
     return PointCloud(_at(points), np.tile(np.array(ESTIMATE, np.uint8), (len(points), 1)))
 
 
-def line(poses: Floats, color: tuple[int, int, int]) -> Graph:
-    """Poses (T, 3) joined in their order."""
-    edges = np.column_stack([np.arange(len(poses) - 1), np.arange(1, len(poses))])
-    return Graph(_at(poses), edges, np.tile(np.array(color, np.uint8), (len(edges), 1)))
+def line(poses: Floats, color: tuple[int, int, int]) -> PointCloud:
+    """The way along poses (T, 3), dotted."""
+    at = np.linspace(0, len(poses) - 1, DOTS * (len(poses) - 1) + 1)
+    points = np.column_stack([np.interp(at, np.arange(len(poses)), axis) for axis in poses[:, :2].T])
+    return PointCloud(_at(points), np.tile(np.array(color, np.uint8), (len(points), 1)))
 
 
 def segments(ends_m: Floats, color: tuple[int, int, int]) -> Graph:
