@@ -1,11 +1,13 @@
-"""Pose graphs, optimised by GTSAM."""
+"""Pose graphs, optimised by GTSAM, and maps of views."""
 
 from omnilab.hooks import Register, hookimpl
 from omnilab_slam.batch import GtsamBatch
 from omnilab_slam.gnc import GtsamGnc
 from omnilab_slam.isam2 import GtsamIsam2
+from omnilab_slam.view_ekf import ViewEkf
+from omnilab_slam.view_graph import ViewGraph
 
-__all__ = ["GtsamBatch", "GtsamGnc", "GtsamIsam2"]
+__all__ = ["GtsamBatch", "GtsamGnc", "GtsamIsam2", "ViewEkf", "ViewGraph"]
 
 
 @hookimpl
@@ -13,3 +15,9 @@ def register_backends(register: Register) -> None:
     register("gtsam_batch", GtsamBatch)
     register("gtsam_isam2", GtsamIsam2)
     register("gtsam_gnc", GtsamGnc)
+
+
+@hookimpl
+def register_view_filters(register: Register) -> None:
+    register("view_ekf", ViewEkf)
+    register("view_graph", ViewGraph)

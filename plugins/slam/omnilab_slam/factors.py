@@ -21,10 +21,10 @@ ROTATION_FIRST = [3, 4, 5, 0, 1, 2]
 Noise = Any  # gtsam.noiseModel.Base
 
 
-def check_at_least(name: str, value: float, least: float) -> None:
+def check_at_least(name: str, value: float, least: float, kind: str = "backend") -> None:
     """ConfigError for a setting that is too small."""
     if not value >= least:
-        raise ConfigError(f"backend.{name}={value} is below {least}; give {least} or more")
+        raise ConfigError(f"{kind}.{name}={value} is below {least}; give {least} or more")
 
 
 def pose_of(vector: Floats) -> Any:

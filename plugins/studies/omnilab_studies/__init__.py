@@ -19,6 +19,8 @@ from omnilab_studies.room import Room
 from omnilab_studies.steps import Steps
 from omnilab_studies.topological_map import TopologicalMap
 from omnilab_studies.trajectory import Trajectory
+from omnilab_studies.view_count import ViewCount
+from omnilab_studies.view_range import ViewRange
 from omnilab_studies.views import Views
 
 __all__ = [
@@ -40,6 +42,8 @@ __all__ = [
     "Steps",
     "TopologicalMap",
     "Trajectory",
+    "ViewCount",
+    "ViewRange",
     "Views",
 ]
 
@@ -65,3 +69,5 @@ def register_studies(register: Register) -> None:
     register("joint", Joint)
     register("pose_graph", PoseGraphStudy)
     register("trajectory", Trajectory)
+    register("view_range", ViewRange)
+    register("view_count", ViewCount)

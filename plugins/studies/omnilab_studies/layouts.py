@@ -223,3 +223,23 @@ def rising(altimeters: Sequence[str], described: bool) -> ViewLayout:
         (Panel("text", "Result", ("summary",)), Panel("log", "Log", ("log",))),
     )
     return ViewLayout(columns, widths=(3, 3, 2))
+
+
+VIEW_MAP = ViewLayout(
+    columns=(
+        (
+            Panel(
+                "map",
+                "Truth (grey), odometry (amber), the map's way, views and bearings",
+                ("walls", "truth", "odometry", "way", "robot", "views", "bearings"),
+            ),
+        ),
+        (
+            Panel("plot", "Error in x, ±2σ", ("error/x_m",)),
+            Panel("plot", "Error in y, ±2σ", ("error/y_m",)),
+            Panel("plot", "Error in heading, ±2σ", ("error/heading_deg",)),
+        ),
+        (Panel("text", "Result", ("summary",)), Panel("log", "Log", ("log",))),
+    ),
+    widths=(3, 2, 2),
+)

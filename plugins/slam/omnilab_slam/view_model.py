@@ -1,0 +1,114 @@
+"""A view observed from a robot: its two angles, their derivatives, and which observations can be used."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from omnilab.api import Bools, Floats, Ints
+from omnilab.errors import ConfigError, DataError
+
+SLACK = 1e-9  # of the largest eigenvalue: rounding may make one that is zero as negative as that
+
+
+@dataclass
+class Gate:
+    """Settings that view filters share."""
+
+    gate_probability: float = 0.999  # of sound observations to be believed; 1: all are
+    nearest_m: float = 0.2  # views that seem nearer are left out: their bearing is undefined
+
+    def __post_init__(self) -> None:
+        if not 0 < self.gate_probability <= 1:
+            raise ConfigError(
+                f"view_filter.gate_probability={self.gate_probability} is none; give a number above 0, at most 1"
+            )
+        if not self.nearest_m > 0:
+            raise ConfigError(f"view_filter.nearest_m={self.nearest_m} is no distance; give metres above 0")
+
+    @property
+    def gate(self) -> float:
+        """The squared Mahalanobis distance up to which two angles are believed: the quantile of chi2, two dof."""
+        return float("inf") if self.gate_probability == 1 else float(-2 * np.log1p(-self.gate_probability))
+
+
+class Seen(NamedTuple):
+    """What a robot should see of K views."""
+
+    angles_rad: Floats  # (K, 2) bearing and relative orientation, not wrapped
+    by_robot: Floats  # (K, 2, 3) their derivatives by the robot's pose
+    by_view: Floats  # (K, 2, 3) and by each view's own
+    distance_m: Floats  # (K,)
+
+    def at(self, which: Ints) -> Seen:
+        """The same of some of the views."""
+        return Seen(*(each[which] for each in self))
+
+
+def see(robot: Floats, views: Floats) -> Seen:
+    """Views (K, 3) from a robot (3,), in the world's frame (Gil et al., 2012, eq. 12)."""
+    dx, dy = (views[:, :2] - robot[:2]).T
+    squared = np.maximum(dx * dx + dy * dy, 1e-12)  # where it stands on a view, which is then left out
+    by_view, by_robot = np.zeros((2, len(views), 2, 3))
+    by_view[:, 0, 0], by_view[:, 0, 1], by_view[:, 1, 2] = -dy / squared, dx / squared, 1
+    by_robot[:, 0, :2], by_robot[:, :, 2] = -by_view[:, 0, :2], -1
+    angles = np.column_stack([np.arctan2(dy, dx), views[:, 2]]) - robot[2]
+    return Seen(angles, by_robot, by_view, np.sqrt(squared))
+
+
+def usable(
+    views: Ints, seen: Seen, angles_rad: Floats, covariances: Floats, nearest_m: float, step: int
+) -> tuple[Bools, list[str]]:
+    """Which observations (K,) can be used, and what is wrong with the others."""
+    finite, positive = np.isfinite(angles_rad).all(axis=1), is_covariance(covariances)
+    far = seen.distance_m >= nearest_m
+    wrong = {
+        "angles that are no numbers": ~finite,
+        "a covariance that is not positive definite": ~positive,
+        f"the robot within {nearest_m} m, where its bearing is undefined": ~far,
+    }
+    said = [
+        f"step {step}: view {view} has {what}; it is left out" for what, which in wrong.items() for view in views[which]
+    ]
+    return finite & positive & far, said
+
+
+def is_covariance(matrices: Floats) -> Bools:
+    """Which matrices (..., d, d) are finite and have no negative eigenvalue, (...,)."""
+    finite = np.asarray(np.isfinite(matrices).all(axis=(-2, -1)))
+    values = np.linalg.eigvalsh(np.where(finite[..., None, None], matrices, 0))
+    return np.asarray(finite & (values[..., 0] >= -SLACK * np.abs(values[..., -1])))
+
+
+def check_start(pose: Floats, covariance: Floats) -> None:
+    """DataError for a first pose (3,) that is none, or a covariance (3, 3) of it."""
+    if not (np.isfinite(pose).all() and is_covariance(covariance)):
+        raise DataError(
+            f"a robot at {pose} with covariance {np.asarray(covariance).tolist()} cannot start;"
+            " give finite numbers and a positive definite matrix"
+        )
+
+
+def check_motion(motion: Floats, covariance: Floats, step: int) -> list[str]:
+    """Why a motion (3,) with its covariance (3, 3) cannot be used; nothing if it can."""
+    if not np.isfinite(motion).all():
+        return [f"step {step}: the motion is no number; the robot is taken to stand still"]
+    if not is_covariance(covariance):
+        return [f"step {step}: the motion's covariance is not positive definite; the robot is taken to stand still"]
+    return []
+
+
+def mahalanobis(v: Floats, S: Floats) -> Floats:
+    """Squared distances (K,) of innovations (K, 2) by their covariances (K, 2, 2); of one that is none, infinity."""
+    determinant = S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] * S[:, 1, 0]
+    squared = S[:, 1, 1] * v[:, 0] ** 2 - 2 * S[:, 0, 1] * v[:, 0] * v[:, 1] + S[:, 0, 0] * v[:, 1] ** 2
+    positive = (determinant > 0) & (S[:, 0, 0] > 0)
+    return np.asarray(np.divide(squared, determinant, out=np.full(len(v), np.inf), where=positive))
+
+
+def turn(angle_rad: float) -> Floats:
+    """The matrix (3, 3) that turns x and y and leaves a heading."""
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])

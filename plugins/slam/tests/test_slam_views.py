@@ -1,0 +1,331 @@
+"""The view filters: conformance, the equations in full, derivatives, gating, mishaps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from omnilab.errors import ConfigError, DataError
+from omnilab.geometry import wrap_angle
+from omnilab.graphs import between
+from omnilab.testing import check_view_filter
+from omnilab_slam import ViewEkf, ViewGraph
+from omnilab_slam.view_factor import own_angles
+from omnilab_slam.view_model import is_covariance, mahalanobis, see, turn
+
+Q = np.diag([0.02, 0.01, 0.01]) ** 2
+R = np.array([[0.01, 0.003], [0.003, 0.02]])
+FILTERS = pytest.mark.parametrize("view_filter", [ViewEkf(), ViewGraph()], ids=["ekf", "graph"])
+
+
+@FILTERS
+def test_keeps_the_contract(view_filter):
+    check_view_filter(view_filter)
+
+
+# ---------------------------------------------------------------------------------------------- the equations in full
+def angles_of(robot, view):
+    return np.array([np.arctan2(view[1] - robot[1], view[0] - robot[0]) - robot[2], view[2] - robot[2]])
+
+
+def numeric(function, at, h=1e-6):
+    columns = [(function(at + h * e) - function(at - h * e)) / (2 * h) for e in np.eye(len(at))]
+    return np.column_stack(columns)
+
+
+class Naive:
+    """Gil et al. (2012), eq. 1 to 12: whole matrices, numeric derivatives, no blocks."""
+
+    def __init__(self, pose, covariance):
+        self.x, self.P = np.array(pose, float), np.array(covariance, float)
+
+    def predict(self, motion, covariance):
+        def moved(x):
+            c, s = np.cos(x[2]), np.sin(x[2])
+            step = np.array([c * motion[0] - s * motion[1], s * motion[0] + c * motion[1], motion[2]])
+            return np.concatenate([x[:3] + step, x[3:]])
+
+        F = numeric(moved, self.x)
+        noise = np.zeros_like(self.P)
+        G = np.array([[np.cos(self.x[2]), -np.sin(self.x[2]), 0], [np.sin(self.x[2]), np.cos(self.x[2]), 0], [0, 0, 1]])
+        noise[:3, :3] = G @ covariance @ G.T
+        self.x, self.P = moved(self.x), F @ self.P @ F.T + noise
+
+    def observe(self, views, angles, covariances):
+        def h(x):
+            return np.concatenate([angles_of(x[:3], x[3 + 3 * i : 6 + 3 * i]) for i in views])
+
+        H, noise = numeric(h, self.x), np.zeros((2 * len(views), 2 * len(views)))
+        for k, one in enumerate(covariances):
+            noise[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = one
+        v = np.mod(np.ravel(angles) - h(self.x) + np.pi, 2 * np.pi) - np.pi
+        S = H @ self.P @ H.T + noise
+        K = self.P @ H.T @ np.linalg.inv(S)
+        joseph = np.eye(len(self.x)) - K @ H
+        self.x, self.P = self.x + K @ v, joseph @ self.P @ joseph.T + K @ noise @ K.T
+
+    def add_view(self):
+        J = np.vstack([np.eye(len(self.x)), np.eye(3, len(self.x))])
+        self.x, self.P = J @ self.x, J @ self.P @ J.T
+
+
+def drive(found, steps, rng, views_every=6, nearest=1.0, noise=0.05, extra=()):
+    """A noisy way round a circle; every map in `extra` is told the same."""
+    angle = 2 * np.pi * np.arange(steps + 1) / 40
+    truth = np.column_stack([4 * np.cos(angle), 4 * np.sin(angle), wrap_angle(angle + np.pi / 2)])
+    motions = between(truth, np.column_stack([np.arange(steps), np.arange(1, steps + 1)]))
+    motions += rng.standard_normal(motions.shape) @ np.sqrt(Q)
+    kept = []
+    for i in range(1, steps + 1):
+        for one in (found, *extra):
+            one.predict(motions[i - 1], Q)
+        seen = [k for k, view in enumerate(kept) if np.hypot(*(view - truth[i])[:2]) > nearest]
+        if seen:
+            angles = np.array([angles_of(truth[i], kept[k]) for k in seen])
+            angles = angles + noise * rng.standard_normal(angles.shape)
+            for one in (found, *extra):
+                one.observe(np.array(seen), angles, np.tile(R, (len(seen), 1, 1)))
+        if i % views_every == 0:
+            kept.append(truth[i])
+            for one in (found, *extra):
+                one.add_view()
+    return truth, np.array(kept)
+
+
+def test_ekf_is_that_of_the_equations():
+    start = np.diag([1e-3, 2e-3, 1e-3])
+    angle0 = np.array([4.0, 0, np.pi / 2])
+    found, naive = ViewEkf(gate_probability=1).begin(angle0, start), Naive(angle0, start)
+    drive(found, 130, np.random.default_rng(0), extra=(naive,))  # 21 views: more than there is room for at first
+    pose, spread = found.pose()
+    views, spreads = found.views()
+    assert len(views) == 21
+    assert np.allclose(wrap_angle(pose - naive.x[:3])[2], 0, atol=1e-6)
+    assert np.allclose(pose[:2], naive.x[:2], atol=1e-6)
+    assert np.allclose(spread, naive.P[:3, :3], atol=1e-8)
+    expected = naive.x[3:].reshape(-1, 3)
+    assert np.allclose(views[:, :2], expected[:, :2], atol=1e-6)
+    assert np.allclose(wrap_angle(views[:, 2] - expected[:, 2]), 0, atol=1e-6)
+    for i, one in enumerate(spreads):
+        assert np.allclose(one, naive.P[3 + 3 * i : 6 + 3 * i, 3 + 3 * i : 6 + 3 * i], atol=1e-8)
+
+
+def test_both_filters_agree_where_all_is_nearly_linear():
+    rng, start = np.random.default_rng(1), 1e-6 * np.eye(3)
+    ekf, graph = (f.begin(np.array([4.0, 0, np.pi / 2]), start) for f in (ViewEkf(), ViewGraph()))
+    truth, _ = drive(ekf, 60, rng, noise=0.01, extra=(graph,))
+    (pose, spread), (other, its_spread) = ekf.pose(), graph.pose()
+    assert np.allclose(pose, other, atol=0.02)
+    assert np.allclose(spread, its_spread, atol=0.05 * spread.max())
+    assert np.allclose(ekf.views()[0], graph.views()[0], atol=0.03)
+    sigma = [np.sqrt(np.diagonal(each.pose()[1])) for each in (ekf, graph)]
+    assert np.allclose(sigma[0], sigma[1], rtol=0.2)
+    assert np.abs(graph.finish()[:, :2] - truth[:, :2]).max() < 0.2
+
+
+def test_a_new_view_moves_with_the_robot():
+    """Fully correlated: what tells where an old view is tells as much about one that was taken this moment."""
+    found = ViewEkf().begin(np.zeros(3), 1e-6 * np.eye(3))
+    found.add_view()
+    for _ in range(5):
+        found.predict(np.array([1.0, 0, 0]), np.diag([0.1, 0.1, 0.02]) ** 2)
+    found.add_view()
+    found.observe(np.array([0]), np.array([[np.pi - 0.03, 0.02]]), 1e-3 * np.eye(2)[None])
+    pose, spread = found.pose()
+    views, spreads = found.views()
+    assert np.allclose(pose, views[1])
+    assert np.allclose(spread, spreads[1])
+
+
+# -------------------------------------------------------------------------------------------------------- derivatives
+numbers = st.floats(-3, 3)
+
+
+@given(st.lists(numbers, min_size=3, max_size=3), st.lists(numbers, min_size=3, max_size=3))
+def test_derivatives_are_the_numeric_ones(robot, view):
+    robot, view = np.array(robot), np.array(view)
+    if np.hypot(*(view - robot)[:2]) < 0.2 or abs(np.arctan2(*(view - robot)[1::-1])) > 3.14:
+        return  # the angle jumps there
+    seen = see(robot, view[None])
+    assert np.allclose(seen.angles_rad[0], angles_of(robot, view))
+    assert np.allclose(seen.by_robot[0], numeric(lambda x: angles_of(x, view), robot), atol=1e-6)
+    assert np.allclose(seen.by_view[0], numeric(lambda x: angles_of(robot, x), view), atol=1e-6)
+
+
+def test_the_factor_s_derivatives_are_by_moves_in_each_pose_s_own_frame():
+    import gtsam
+
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        a, b = gtsam.Pose2(*rng.uniform(-2, 2, 3)), gtsam.Pose2(*rng.uniform(3, 5, 3))
+
+        def angles(a, b):
+            return np.array(own_angles(a.x(), a.y(), a.theta(), b.x(), b.y(), b.theta())[0])
+
+        _, by_a, by_b = own_angles(a.x(), a.y(), a.theta(), b.x(), b.y(), b.theta())
+        for found, moved in (
+            (by_a, lambda d, a=a, b=b: (a.retract(d), b)),
+            (by_b, lambda d, a=a, b=b: (a, b.retract(d))),
+        ):
+            expected = numeric(lambda d, moved=moved: angles(*moved(d)), np.zeros(3))
+            difference = found - expected
+            assert np.allclose(difference, 0, atol=1e-6)
+
+
+def test_what_the_graph_predicts_is_its_marginals_propagated():
+    """Against the dense covariance of the robot with each view, from GTSAM's batch marginals."""
+    import gtsam
+
+    found = ViewGraph().begin(np.array([4.0, 0, np.pi / 2]), 1e-4 * np.eye(3))
+    drive(found, 40, np.random.default_rng(3), noise=0.01)
+    nodes = found._views[1:4][::-1]
+    robot, views = found._at(found._step), np.array([found._at(node) for node in nodes])
+    S = found._spread(nodes, see(robot, views))
+    marginals = gtsam.Marginals(found._kept, found._tree.calculateEstimate())
+    for k, node in enumerate(nodes):
+        joint = marginals.jointMarginalCovariance([found._step, node])
+        both = [(i, j) for i in (found._step, node) for j in (found._step, node)]
+        P = np.block([[joint.at(*both[0]), joint.at(*both[1])], [joint.at(*both[2]), joint.at(*both[3])]])
+        _, A, B = own_angles(*robot, *views[k])
+        H = np.hstack([A, B])
+        assert np.allclose(S[k], H @ P @ H.T, rtol=2e-2, atol=1e-6)
+
+
+def test_mahalanobis_is_that_of_an_inverse():
+    rng = np.random.default_rng(4)
+    roots = rng.standard_normal((7, 2, 2))
+    S, v = roots @ roots.transpose(0, 2, 1) + 0.1 * np.eye(2), rng.standard_normal((7, 2))
+    assert np.allclose(mahalanobis(v, S), np.einsum("ki,kij,kj->k", v, np.linalg.inv(S), v))
+    assert np.isinf(mahalanobis(v[:1], -S[:1]))[0]
+
+
+def test_a_turn_leaves_headings():
+    assert np.allclose(turn(np.pi / 2) @ [1, 0, 5], [0, 1, 5])
+
+
+# ------------------------------------------------------------------------------------------------------------- gating
+def test_the_gate_is_a_quantile_of_chi2():
+    from scipy.stats import chi2
+
+    assert ViewEkf(gate_probability=0.9).gate == pytest.approx(chi2.ppf(0.9, 2))
+    assert ViewEkf(gate_probability=1).gate == np.inf
+
+
+@FILTERS
+def test_wrong_associations_are_gated_and_cost_nothing(view_filter):
+    found = view_filter.begin(np.array([4.0, 0, np.pi / 2]), 1e-6 * np.eye(3))
+    drive(found, 60, np.random.default_rng(5), noise=0.05)
+    pose, spread = found.pose()
+    views, _ = found.views()
+    angles = np.array(
+        [angles_of(pose, views[2]) + np.array([1.2, 0]), angles_of(pose, views[5]), angles_of(pose, views[3]) - [0, 1]]
+    )
+    believed, said = found.observe(np.array([2, 5, 3]), angles, np.tile(1e-2 * np.eye(2), (3, 1, 1)))
+    assert believed.tolist() == [False, True, False]
+    assert not said
+    assert np.allclose(found.pose()[0], pose, atol=0.02)
+    assert np.trace(found.pose()[1]) < np.trace(spread)
+
+
+@FILTERS
+def test_angles_may_be_given_in_any_turn(view_filter):
+    found = view_filter.begin(np.array([4.0, 0, np.pi / 2]), 1e-6 * np.eye(3))
+    drive(found, 30, np.random.default_rng(6))
+    pose, views = found.pose()[0], found.views()[0]
+    angles = angles_of(pose, views[1]) + 2 * np.pi * np.array([1, -2])
+    believed, _ = found.observe(np.array([1]), angles[None], R[None])
+    assert believed.all()
+    assert np.allclose(found.pose()[0], pose, atol=1e-3)
+
+
+# ------------------------------------------------------------------------------------------------------------ mishaps
+@FILTERS
+def test_what_cannot_be_used_is_said_with_its_step_and_costs_no_more(view_filter):
+    found = view_filter.begin(np.zeros(3), 1e-6 * np.eye(3))
+    found.add_view()
+    assert not found.predict(np.array([1.0, 0, 0]), Q)
+    assert "step 2: the motion is no number" in found.predict(np.array([np.nan, 0, 0]), Q)[0]
+    assert "step 3: the motion's covariance is not positive definite" in found.predict(np.ones(3), -np.eye(3))[0]
+    assert np.allclose(found.pose()[0], [1, 0, 0], atol=1e-9)
+    good, bad = np.array([np.pi, 0.0]), np.array([np.nan, 0])
+    believed, said = found.observe(np.array([0, 0, 0]), np.array([good, bad, good]), np.array([R, R, -R]))
+    assert believed.tolist() == [True, False, False]
+    assert "no numbers" in said[0]
+    assert "step 3: view 0 has a covariance that is not positive definite" in said[1]
+    assert found.finish().shape == (4, 3)
+
+
+@FILTERS
+def test_a_view_that_is_too_near_has_no_bearing(view_filter):
+    found = view_filter.begin(np.zeros(3), 1e-6 * np.eye(3))
+    found.add_view()
+    believed, said = found.observe(np.array([0]), np.zeros((1, 2)), R[None])
+    assert not believed.any()
+    assert "within 0.2 m" in said[0]
+
+
+@FILTERS
+def test_standing_still_is_a_motion(view_filter):
+    found = view_filter.begin(np.zeros(3), 1e-6 * np.eye(3))
+    found.add_view()
+    found.predict(np.array([2.0, 0, 0]), Q)
+    before = found.pose()
+    assert not found.predict(np.zeros(3), np.zeros((3, 3)))
+    assert np.allclose(found.pose()[0], before[0], atol=1e-6)
+    assert np.allclose(found.pose()[1], before[1], atol=1e-9)
+    assert found.observe(np.array([0]), np.array([[np.pi, 0.0]]), R[None])[0].all()
+
+
+def test_a_covariance_that_has_gone_bad_is_said():
+    found = ViewEkf().begin(np.zeros(3), 1e-6 * np.eye(3))
+    found.add_view()
+    found.predict(np.array([2.0, 0, 0]), Q)
+    found._cov[0, 0] = -1.0
+    found._cov[1, 1] = 1e-3
+    before = found._state.copy()
+    believed, said = found.observe(np.array([0]), np.array([[np.pi, 0.0]]), R[None])
+    assert not believed.any()
+    assert "step 1: the covariance is not positive definite" in said[0]
+    assert np.array_equal(found._state, before)
+
+
+def test_an_update_of_the_graph_that_fails_is_said_and_the_map_goes_on(monkeypatch):
+    found = ViewGraph().begin(np.array([4.0, 0, np.pi / 2]), 1e-6 * np.eye(3))
+    drive(found, 20, np.random.default_rng(7))
+    usual, calls = found._update, []
+
+    def fail_once(factors, poses):
+        calls.append(1)
+        if len(calls) == 1:
+            raise RuntimeError("Indeterminant linear system")
+        usual(factors, poses)
+
+    before = found.pose()[0]
+    monkeypatch.setattr(found, "_update", fail_once)
+    said = found.predict(np.array([0.5, 0, 0]), Q)
+    assert "step 21: the motion could not be added" in said[0]
+    assert np.allclose(np.hypot(*(found.pose()[0] - before)[:2]), 0.5, atol=0.05)
+    calls.clear()
+    angles = angles_of(found.pose()[0], found.views()[0][0])
+    believed, said = found.observe(np.array([0]), angles[None], R[None])
+    assert not believed.any()
+    assert "step 21: the observations could not be added" in said[0]
+    assert found.observe(np.array([0]), angles[None], R[None])[0].all()
+    assert found.finish().shape == (22, 3)
+
+
+def test_settings_and_starts_that_cannot_be_are_one_sentence():
+    for settings in ({"gate_probability": 0.0}, {"gate_probability": 1.5}, {"nearest_m": 0.0}):
+        for kind in (ViewEkf, ViewGraph):
+            with pytest.raises(ConfigError, match=r"view_filter\..*give"):
+                kind(**settings)
+    for settings in ({"surprise_rad": -1.0}, {"relinearize_every": 0}):
+        with pytest.raises(ConfigError, match=r"view_filter\..*give"):
+            ViewGraph(**settings)
+    for kind in (ViewEkf(), ViewGraph()):
+        with pytest.raises(DataError, match="cannot start"):
+            kind.begin(np.zeros(3), -np.eye(3))
+    assert is_covariance(np.zeros((2, 2)))
+    assert not is_covariance(np.full((2, 2), np.nan))

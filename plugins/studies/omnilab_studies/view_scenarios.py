@@ -1,0 +1,134 @@
+"""Scenarios without images: a way, walls, and how good the robot's odometry is; small YAML files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from omnilab.api import Floats
+from omnilab.errors import DataError, did_you_mean
+
+MAX_BYTES = 100_000
+MAX_STEPS = 20_000  # of one lap
+ROUNDINGS = 3  # each cuts every corner
+KEYS = ("path_m", "walls_m", "step_m", "odometry")
+NOISES = ("along_m", "across_m", "heading_deg", "turn_deg")
+
+
+class Noise(NamedTuple):
+    """Standard deviations of odometry over a metre, along, across and in heading, and over a radian of turn, in heading.
+
+    They grow with the root of what was driven.
+    """
+
+    along_m: float
+    across_m: float
+    heading_deg: float
+    turn_deg: float
+
+    def covariances(self, motions: Floats) -> Floats:
+        """Of motions (M, 3), (M, 3, 3), each in the frame that it starts from."""
+        length, turned = np.hypot(motions[:, 0], motions[:, 1]), np.abs(motions[:, 2])
+        heading = np.radians(self.heading_deg) ** 2 * length + np.radians(self.turn_deg) ** 2 * turned
+        variances = np.column_stack([self.along_m**2 * length, self.across_m**2 * length, heading])
+        return np.asarray(variances[:, :, None] * np.eye(3))
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A lap, and what stands about."""
+
+    name: str
+    lap: Floats  # (L, 3) x, y and heading, a step apart; the last is a step before the first
+    walls_m: Floats  # (W, 2, 2) their ends
+    step_m: float
+    noise: Noise
+
+
+def shipped() -> dict[str, Path]:
+    """The scenarios that come with the studies, by name."""
+    found = [Path(str(file)) for file in files("omnilab_studies").joinpath("scenarios").iterdir()]
+    return {file.stem: file for file in sorted(found) if file.suffix == ".yaml"}
+
+
+def scenario(name: str) -> Scenario:
+    """One that is shipped, or that of a file."""
+    file = shipped().get(name, Path(name).expanduser())
+    if not file.is_file():
+        raise DataError(
+            f"there is no scenario {name}{did_you_mean(name, shipped())}; give one of {', '.join(shipped())}, or a YAML file"
+        )
+    return _scenario(file, _content(file))
+
+
+def _content(file: Path) -> dict[str, Any]:
+    import yaml
+
+    if file.stat().st_size > MAX_BYTES:
+        raise DataError(f"{file} has {file.stat().st_size} bytes; a scenario may have {MAX_BYTES}, shorten it")
+    try:
+        content = yaml.safe_load(file.read_bytes())
+    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
+        raise DataError(f"{file} is no YAML ({' '.join(str(error).split())[:200]}); mend it") from error
+    return _mapping(file, "the scenario", content, KEYS)
+
+
+def _scenario(file: Path, content: dict[str, Any]) -> Scenario:
+    corners, walls = _rows(file, content, "path_m", 2), _rows(file, content, "walls_m", 4)
+    if len(corners) < 3:
+        raise DataError(f"{file}: path_m has {len(corners)} corners; give 3 or more, as [x, y]")
+    step_m = _positive(file, "step_m", content["step_m"])
+    noises = _mapping(file, "odometry", content["odometry"], NOISES)
+    noise = Noise(**{name: _positive(file, f"odometry.{name}", noises[name]) for name in NOISES})
+    length = np.linalg.norm(np.diff(corners, axis=0, append=corners[:1]), axis=1).sum()
+    if not 8 * step_m <= length <= MAX_STEPS * step_m:
+        raise DataError(f"{file}: a way of {length:.4g} m has no 8 to {MAX_STEPS} steps of {step_m} m; change step_m")
+    return Scenario(file.stem, lap(corners, step_m), walls.reshape(-1, 2, 2), step_m, noise)
+
+
+def _mapping(file: Path, what: str, content: Any, keys: tuple[str, ...]) -> dict[str, Any]:
+    """Content with these keys and no others."""
+    if not isinstance(content, dict):
+        raise DataError(f"{file}: {what} is {content!r:.60}; give a mapping of {', '.join(keys)}")
+    for key in content:
+        if key not in keys:
+            raise DataError(f"{file}: {what} has no '{key}'{did_you_mean(str(key), keys)}; give {', '.join(keys)}")
+    for key in keys:
+        if key not in content:
+            raise DataError(f"{file}: {what} lacks '{key}'; give {', '.join(keys)}")
+    return content
+
+
+def _rows(file: Path, content: dict[str, Any], name: str, width: int) -> Floats:
+    """A list of rows of so many finite numbers, as (N, width)."""
+    try:
+        rows = np.array(content[name], float).reshape(-1, width)
+    except (TypeError, ValueError, OverflowError):
+        rows = np.full((1, width), np.nan)
+    if not np.isfinite(rows).all() or len(rows) != len(content[name]):
+        raise DataError(f"{file}: {name} is {content[name]!r:.80}; give a list of rows of {width} numbers, in metres")
+    return rows
+
+
+def _positive(file: Path, name: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < np.inf:
+        raise DataError(f"{file}: {name} is {value!r:.60}; give a number above 0")
+    return float(value)
+
+
+def lap(corners_m: Floats, step_m: float) -> Floats:
+    """Poses (L, 3) round a closed way of corners (C, 2), cut off one after the other (Chaikin, 1974), headed along it."""
+    line = corners_m
+    for _ in range(ROUNDINGS):
+        ahead = np.roll(line, -1, axis=0)
+        line = np.stack([0.75 * line + 0.25 * ahead, 0.25 * line + 0.75 * ahead], 1).reshape(-1, 2)
+    closed = np.concatenate([line, line[:1]])
+    along = np.append(0, np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1)))
+    at = np.linspace(0, along[-1], round(along[-1] / step_m), endpoint=False)
+    position = np.column_stack([np.interp(at, along, axis) for axis in closed.T])
+    ahead = np.roll(position, -1, axis=0) - position
+    return np.column_stack([position, np.arctan2(ahead[:, 1], ahead[:, 0])])

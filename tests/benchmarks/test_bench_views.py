@@ -1,0 +1,52 @@
+"""A step of the view filters against the number of views; one that sees ten of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_limits
+
+from omnilab_slam import ViewEkf, ViewGraph
+from omnilab_slam.view_model import see
+
+MOTION, Q, R = np.array([1.0, 0, 0.06]), np.diag([1e-3, 1e-3, 1e-4]), 0.01 * np.eye(2)
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    """These matrices are too small for several."""
+    with threadpool_limits(1):
+        yield
+
+
+def mapped(view_filter, count):
+    """A map of so many views, and the ten that are nearest but not too near."""
+    found = view_filter.begin(np.zeros(3), 1e-6 * np.eye(3))
+    for _ in range(count):
+        found.predict(MOTION, Q)
+        found.add_view()
+    found.predict(MOTION, Q)
+    pose, views = found.pose()[0], found.views()[0]
+    seen = see(pose, views)
+    near = np.argsort(np.where(seen.distance_m > 0.9, seen.distance_m, np.inf))[:10]
+    return found, near, seen.angles_rad[near]
+
+
+@pytest.mark.benchmark(group="views: ten of N seen, EKF")
+@pytest.mark.parametrize("count", [12, 25, 50, 100, 200, 400])
+def test_view_ekf(benchmark, count):
+    found, near, angles = mapped(ViewEkf(), count)
+    covariances = np.tile(R, (len(near), 1, 1))
+    believed, said = benchmark.pedantic(found.observe, (near, angles, covariances), rounds=50, warmup_rounds=5)
+    assert believed.all()
+    assert not said
+
+
+@pytest.mark.benchmark(group="views: ten of N seen, graph")
+@pytest.mark.parametrize("count", [25, 100])
+def test_view_graph(benchmark, count):
+    found, near, angles = mapped(ViewGraph(), count)
+    covariances = np.tile(R, (len(near), 1, 1))
+    believed, said = benchmark.pedantic(found.observe, (near, angles, covariances), rounds=10, warmup_rounds=1)
+    assert believed.all()
+    assert not said
