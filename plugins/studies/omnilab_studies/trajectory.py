@@ -64,7 +64,7 @@ class Trajectory:
     alignment: Alignment = Alignment.sim2  # with the truth: none, first, se2, se3, sim2 or sim3
     same_place_m: float | None = None  # poses so close show one place, to judge loop closures; null: two usual steps
     gap: float = 3.0  # a step that took so many times the usual time is bridged
-    show: int = 200  # images that go into the logs, and stages of the map; the numbers of all of them do
+    show: int = 200  # images that go into the logs; the numbers of all of them do
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "odometry", "loop_closure", "backend")
     cached: ClassVar[bool] = False  # it measures time

@@ -28,6 +28,7 @@ from omnilab_studies.displacements import drawn
 from omnilab_studies.mapper import Mapper, Step
 
 PATH, CLOSURE = (108, 122, 143), (42, 200, 92)
+MAPS = 200  # at most so many stages of the map go into the logs: each holds all of it
 NONE = Graph(np.zeros((0, 3)), np.zeros((0, 2), int))
 
 
@@ -51,7 +52,9 @@ class Way:
         self.taken: list[int] = []  # which of the plan's frames came
         self._record, self._flashed = record, False
         self._true = self._own = np.float64(0.0)  # lengths of the way so far: truly, and as it was mapped
-        self._shown = set(np.linspace(0, len(plan) - 1, min(show, len(plan))).astype(int).tolist())
+        self._shown, self._stages = (
+            set(np.linspace(0, len(plan) - 1, min(most, len(plan))).astype(int).tolist()) for most in (show, MAPS)
+        )
 
     @property
     def truth(self) -> Floats | None:
@@ -88,7 +91,7 @@ class Way:
         robot = self._over(self.mapper.online[-1:], scale)[0]
         record.log("robot", Pose(robot), tick)
         if step.trouble:
-            record.log("log", Text(f"image {frame.keys[0]}: {step.trouble}; its step is bridged", "WARN"), tick)
+            record.log("log", Text(f"image {node}, {frame.keys[0]}: {step.trouble}; its step is bridged", "WARN"), tick)
         for sentence in step.said:
             record.log("log", Text(sentence, "WARN"), tick)
         closed = step.closures.nodes
@@ -105,8 +108,8 @@ class Way:
             record.log("query/panorama", Image(drawn(frame, step.motion)), tick)
             if frame.T_world_camera is not None:
                 record.log("camera", Pose(frame.T_world_camera[0]), tick)
-            if node:
-                record.log("map", self.map(self.mapper.poses(), scale), tick)
+        if node and self.taken[-1] in self._stages:
+            record.log("map", self.map(self.mapper.poses(), scale), tick)
 
     def map(self, poses: Floats, scale: float = 1.0) -> Graph:
         """The graph over poses (n, 3), loop closures in green."""

@@ -238,7 +238,7 @@ def test_a_black_image_is_bridged_and_the_next_one_compared_with_the_last_good_o
     found, table = values(report), report.tables["steps"]
     assert found["bridged_steps"] == 1
     assert table["bridged"][5] == "black"
-    assert any("5.png: black" in r.text for r, _ in record.of("log"))
+    assert any("image 5, 5.png: black" in r.text for r, _ in record.of("log"))
     off = np.hypot(table["final_x_m"] - table["true_x_m"], table["final_y_m"] - table["true_y_m"])
     assert np.delete(off, 5).max() < 0.02  # the black one hangs on a loose bridge, and pulls at the alignment
     assert off[5] < 0.5
