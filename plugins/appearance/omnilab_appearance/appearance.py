@@ -51,12 +51,14 @@ class Appearance:
     ratio: float = 0.8  # a match is so much nearer than the second best, both ways
     least: int = 10  # matches, or the step has failed
     ties: Ties = Ties.first  # as printed; or middle of the windows that win
-    squared: bool = True  # the square of the distance: it grows more evenly with the step (eq. 4.4)
+    squared: bool = (
+        False  # the square of the distance: less bent over a metre (eq. 4.4), but it spreads more from step to step
+    )
     offsets: int = 173  # of the Radon transform
     angles: int = 180  # of the Radon transform
     turn_sigma_deg: float = 1.0  # standard deviation of a turn
     direction_sigma_deg: float = 15.0  # of a direction of motion
-    length_sigma: float = 0.3  # of a length, as a share of it
+    length_sigma: float = 0.2  # of a length, as a share of it
 
     def __post_init__(self) -> None:
         check_count(self.features)
