@@ -7,7 +7,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnilab.api import Bools, Closures, Floats, Frames, Growing, Ints, Memory, Motion, Odometry, PoseGraph, Unusable
+from omnilab.api import (
+    Bools,
+    Closures,
+    Floats,
+    Frames,
+    Growing,
+    Ints,
+    Memory,
+    Motion,
+    Odometry,
+    PoseGraph,
+    Recorder,
+    Unusable,
+)
 from omnilab.errors import DataError
 from omnilab.graphs import moved
 
@@ -61,8 +74,11 @@ class Mapper:
     the last good one.
     """
 
-    def __init__(self, odometries: Iterable[Odometry], memory: Memory, growing: Growing, gap: float) -> None:
-        self.tellers, self._memory, self._growing, self._gap = [Teller(o) for o in odometries], memory, growing, gap
+    def __init__(
+        self, odometries: Iterable[Odometry], memory: Memory, growing: Growing, record: Recorder, gap: float
+    ) -> None:
+        self.tellers, self._record, self._gap = [Teller(o) for o in odometries], record, gap
+        self._memory, self._growing = memory, growing
         self.stamps_ns: list[int] = []
         self.alone = [growing.pose(0)]  # where the run's odometry alone leads to, in its own unit
         self.online = [growing.pose(0)]  # each pose as it was when it came
@@ -108,9 +124,11 @@ class Mapper:
         late = self._late(frame)
         node, start = len(self.stamps_ns), len(self._ends)
         self.stamps_ns.append(int(frame.stamps_ns[0]))
-        told = [teller.tell(frame, node, rng) for teller in self.tellers]
+        with self._record.timed("odometry"):
+            told = [teller.tell(frame, node, rng) for teller in self.tellers]
         usual = float(np.median(self._steps)) if self._steps else 1.0
-        closures = self._memory.recall(frame, told[0][2], usual, rng)
+        with self._record.timed("recall"):
+            closures = self._memory.recall(frame, told[0][2], usual, rng)
         if node == 0:
             return Step(-1, None, told[0][1].failed if isinstance(told[0][2], Unusable) else "", closures, [])
         trouble = self._join(node, [(before, motion) for before, motion, _ in told], late, usual)
@@ -118,8 +136,9 @@ class Mapper:
             self._add(int(earlier), node, motion, covariance, 0, loop=True)
         ends, motions, information = self._edges(start)
         motions, information = scaled(motions, information, self.groups[start:], self.factors)
-        said = self._growing.add(moved(self._growing.pose(int(ends[0, 0])), motions[0]), ends, motions, information)
-        self.online.append(self._growing.pose(node))
+        with self._record.timed("grow the map"):
+            said = self._growing.add(moved(self._growing.pose(int(ends[0, 0])), motions[0]), ends, motions, information)
+            self.online.append(self._growing.pose(node))
         return Step(told[0][0], told[0][1], trouble, closures, list(said))
 
     def _late(self, frame: Frames) -> float:

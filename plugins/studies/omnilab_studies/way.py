@@ -45,7 +45,7 @@ class Way:
         self._planned = plan.T_world_camera
         first = np.zeros(3) if self._planned is None else vectors(self._planned[:1], planar=True)[0]
         odometries = [parts.odometry, *parts.odometries.values()]
-        self.mapper = Mapper(odometries, parts.loop_closure.begin(), parts.backend.begin(first), gap)
+        self.mapper = Mapper(odometries, parts.loop_closure.begin(), parts.backend.begin(first), record, gap)
         self.steps: list[Step] = []
         self.keys: list[str] = []
         self.times_ms: list[float] = []

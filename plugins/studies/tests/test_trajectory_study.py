@@ -406,7 +406,7 @@ def test_without_unknown_factors_the_graph_is_optimised_once():
 
 def test_the_mapper_tells_closures_the_usual_step_in_the_own_unit():
     sensor, memory = Ring(), Everything().begin()
-    mapper = Mapper([Told(3.0, "1"), Told()], memory, Chain([np.zeros(3)]), gap=3)
+    mapper = Mapper([Told(3.0, "1"), Told()], memory, Chain([np.zeros(3)]), Recorder(), gap=3)
     for frames in sensor.frames(sensor.plan(NamedPath(""))):
         for i in range(len(frames)):
             mapper.take(frames.at(i), np.random.default_rng(0))
