@@ -310,6 +310,7 @@ class Motion:
         None  # (M, 2, 2): azimuth and level (of `Camera.unwrap`) in the first panorama, in the second
     )
     agree: Bools | None = None  # (M,) which of the matches the motion explains
+    features: int = 0  # found in both images together, those without a match included
     window_rad: float | None = (
         None  # azimuth in the second camera's frame where the winning half of the panorama starts
     )

@@ -98,7 +98,8 @@ class Appearance:
         agree = np.sin(azimuth - beta) * wrap_angle(moved - offset) > 0
         length = distance**2 if self.squared else distance
         vector, covariance = self._vector(float(wrap_angle(turn - offset)), length, turn - offset + beta)
-        return Motion(vector, covariance, "poc", "", seen, agree, window)
+        features = len(before.sighting.azimuth_level) + len(now.sighting.azimuth_level)
+        return Motion(vector, covariance, "poc", "", seen, agree, features, window)
 
     def _direction(self, azimuth_rad: Floats, moved_rad: Floats) -> tuple[float, float | None, float]:
         """The direction of motion in the new frame, where the winning window starts, and by how much the turn is off."""

@@ -99,7 +99,8 @@ class PlanarEpipolar:
     def _motion(self, before: Sighting, now: Sighting, i: Ints, j: Ints, pose: RelativePose, step: Step) -> Motion:
         vector, covariance = propagated(pose, step)
         matches = np.stack([before.azimuth_level[i], now.azimuth_level[j]], axis=1)
-        return Motion(vector, covariance, self._unit, step.failed, matches, pose.agree)
+        features = len(before.azimuth_level) + len(now.azimuth_level)
+        return Motion(vector, covariance, self._unit, step.failed, matches, pose.agree, features)
 
     @property
     def _unit(self) -> str:

@@ -21,6 +21,7 @@ from omnilab_studies.topological_map import TopologicalMap
 from omnilab_studies.trajectory import Trajectory
 from omnilab_studies.view_count import ViewCount
 from omnilab_studies.view_range import ViewRange
+from omnilab_studies.view_slam import ViewSlam
 from omnilab_studies.views import Views
 
 __all__ = [
@@ -44,6 +45,7 @@ __all__ = [
     "Trajectory",
     "ViewCount",
     "ViewRange",
+    "ViewSlam",
     "Views",
 ]
 
@@ -71,3 +73,4 @@ def register_studies(register: Register) -> None:
     register("trajectory", Trajectory)
     register("view_range", ViewRange)
     register("view_count", ViewCount)
+    register("view_slam", ViewSlam)

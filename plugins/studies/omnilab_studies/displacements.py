@@ -44,3 +44,25 @@ def _pixels(azimuth_level: Floats, shape: tuple[int, ...]) -> Floats:
     """Pixels (M, 2) of azimuths and levels (M, 2) in the panorama, flipped as it is shown."""
     share = np.mod(azimuth_level[:, 0], 2 * np.pi) / (2 * np.pi)
     return np.column_stack([shape[1] - 1 - share * shape[1], (1 - azimuth_level[:, 1]) * shape[0] - 0.5])
+
+
+def pair(now: Bytes, view: Bytes | None, motion: Motion | None) -> Bytes:
+    """A panorama (H, W) above that of a view, and lines between their matches; black where no view is compared.
+
+    Panoramas are as `omnilab.projection.panorama` makes them; they are shown clockwise, matches that agree in green.
+    """
+    import cv2
+
+    below = np.zeros_like(now) if view is None else view
+    both = [np.repeat(np.repeat(picture, ZOOM, axis=0), ZOOM, axis=1)[:, ::-1] for picture in (now, below)]
+    picture = np.ascontiguousarray(to_color(np.vstack(both)[None])[0] if now.ndim == 2 else np.vstack(both))
+    if motion is None or motion.matches is None or motion.agree is None:
+        return picture
+    half = (len(both[0]), picture.shape[1])
+    ends = [_pixels(motion.matches[:, k], half) + np.array([0, k * half[0]]) for k in (0, 1)]
+    for (u0, v0), (u1, v1), good in zip(ends[0].tolist(), ends[1].tolist(), motion.agree.tolist(), strict=True):
+        for u, v in ((u0, v0), (u1, v1)):
+            cv2.circle(picture, (round(u), round(v)), 2, AGREES if good else DISAGREES, -1, cv2.LINE_AA)
+        if good:
+            cv2.line(picture, (round(u0), round(v0)), (round(u1), round(v1)), AGREES, 1, cv2.LINE_AA)
+    return picture

@@ -225,6 +225,27 @@ def rising(altimeters: Sequence[str], described: bool) -> ViewLayout:
     return ViewLayout(columns, widths=(3, 3, 2))
 
 
+VIEW_SLAM = ViewLayout(
+    columns=(
+        (
+            Panel(
+                "map",
+                "Truth (grey), odometry (amber), the map's way, views and bearings",
+                ("room", "truth", "odometry", "way", "robot", "views", "bearings"),
+            ),
+            Panel("image", "Panorama above that of the view it shows best", ("query/panorama",)),
+        ),
+        (
+            Panel("image", "Image", ("query/image",)),
+            Panel("plot", "Error in x, ±2σ", ("error/x_m",)),
+            Panel("plot", "Error in y, ±2σ", ("error/y_m",)),
+            Panel("plot", "Error in heading, ±2σ", ("error/heading_deg",)),
+        ),
+        (Panel("text", "Result", ("summary",)), Panel("log", "Log", ("log",))),
+    ),
+    widths=(4, 2, 2),
+)
+
 VIEW_MAP = ViewLayout(
     columns=(
         (

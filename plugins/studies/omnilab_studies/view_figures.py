@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -142,3 +142,31 @@ def _finish(axes: Axes) -> None:
     axes.grid(alpha=0.25)
     axes.legend(fontsize=8, frameon=False)
     axes.spines[["top", "right"]].set_visible(False)
+
+
+class Mapped(NamedTuple):
+    """What a filter believed on its way."""
+
+    poses: Floats  # (T, 3)
+    covariances: Floats  # (T, 3, 3)
+    views: Floats  # (N, 3)
+    spreads: Floats  # (N, 3, 3)
+
+
+def mapped(truth: Floats, odometry: Floats, shown: Mapping[str, Mapped]) -> dict[str, Figure]:
+    """For each filter: the ways (T, 3) from above with views and ellipses, and errors with bands (figures 8 to 10)."""
+    made = {}
+    for name, one in shown.items():
+        figure = blank(12.5, 5.6)
+        left, right = np.asarray(figure.subfigures(1, 2, width_ratios=(1.3, 1)))
+        above = left.subplots()
+        above.plot(*odometry[:, :2].T, "--", color="#e9a320", linewidth=1, label="odometry")
+        above.plot(*truth[:, :2].T, color="#b9c2cf", linewidth=3, label="truth")
+        above.plot(*one.poses[:, :2].T, color="#2f6db3", linewidth=1, label=name)
+        draw_views(above, one.views, one.spreads)
+        above.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title=f"{len(one.views)} views")
+        above.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=4)
+        above.spines[["top", "right"]].set_visible(False)
+        draw_errors(right.subplots(3, 1, sharex=True), *error_bands(one.poses, one.covariances, truth))
+        made[name] = figure
+    return made

@@ -1,0 +1,279 @@
+"""The study of maps of views from images, on plain parts: which views are seen, when one is taken, what is told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from omnilab.api import Circle, Frames, Image, Motion, NamedPath, Parts, PathPoses, Plan, RecordedPoses, Unusable
+from omnilab.errors import ConfigError, DataError
+from omnilab.geometry import heading_of, planar_poses, wrap_angle
+from omnilab.graphs import between, inverse, moved, vectors
+from omnilab.projection import ImageCircle
+from omnilab.record import Recorder
+from omnilab.testing import check_study
+from omnilab_studies import ViewSlam
+from omnilab_studies.displacements import pair
+from omnilab_studies.sources import Source
+from omnilab_studies.view_mapper import Association, ViewMapper, angles_of, similarity
+from omnilab_studies.view_slam import spaced
+
+CAMERA = ImageCircle(16, 16, Circle(7.5, 7.5, 8))
+
+
+def way(count: int = 40, radius: float = 1.0):
+    angle = np.linspace(0, 2 * np.pi, count)
+    at = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.ones(count)])
+    return planar_poses(at, wrap_angle(angle + np.pi / 2))
+
+
+@dataclass
+class Ring:
+    """Drives a circle."""
+
+    black: list[int] = field(default_factory=list)
+    known: bool = True
+    count: int = 40
+    asked: list[Any] = field(default_factory=list)
+
+    def plan(self, layout):
+        self.asked.append(layout)
+        T = layout.T_world_camera if isinstance(layout, PathPoses) else way()[: self.count]
+        return Plan([str(i) for i in range(len(T))], T if self.known else None)
+
+    def frames(self, plan):
+        for start in range(0, len(plan), 9):
+            part = np.arange(start, min(start + 9, len(plan)))
+            images = np.full((len(part), 16, 16), 50, np.uint8)
+            images[np.isin(part, self.black)] = 0
+            yield Frames(images, [plan.keys[i] for i in part], part * 100, CAMERA, part, plan.T_world_camera[part])
+
+    def scene(self):
+        return None
+
+
+@dataclass
+class Exact:
+    """Knows the true motion of a step, with noise by the seed."""
+
+    noise: float = 0.0
+    fails: bool = False
+
+    def look(self, frames):
+        return list(frames.T_world_camera)
+
+    def motion(self, before, now, rng):
+        (vector,) = vectors((inverse(before) @ now)[None], planar=True)
+        if self.fails:
+            return Motion(np.full(3, np.nan), np.eye(3), "m", "stuck")
+        return Motion(vector + self.noise * rng.standard_normal(3), (self.noise**2 + 1e-6) * np.eye(3), "m")
+
+
+@dataclass
+class Seeing(Exact):
+    """Relates two images: the nearer they were taken the more matches agree."""
+
+    def look(self, frames):
+        return [T if i.any() else Unusable("black") for T, i in zip(frames.T_world_camera, frames.images, strict=True)]
+
+    def motion(self, before, now, rng):
+        (vector,) = vectors((inverse(before) @ now)[None], planar=True)
+        agree = np.arange(100) < 100 * np.exp(-np.hypot(*vector[:2]))
+        matches = np.full((100, 2, 2), 0.5)
+        return Motion(vector * [0.3, 0.3, 1], 1e-6 * np.eye(3), "1", "", matches, agree, features=200)
+
+
+@dataclass
+class Believing:
+    """Believes odometry alone, and keeps what it was told."""
+
+    def begin(self, pose, covariance):
+        return Belief(pose)
+
+
+class Belief:
+    def __init__(self, pose):
+        self.way, self.taken, self.seen = [pose], [], []
+
+    def predict(self, motion, covariance):
+        assert np.linalg.eigvalsh(covariance)[0] > 0
+        self.way.append(moved(self.way[-1], motion))
+        return []
+
+    def observe(self, views, angles_rad, covariances):
+        assert angles_rad.shape == (len(views), 2)
+        self.seen += [(self.taken[v], self.way[-1], angles) for v, angles in zip(views, angles_rad, strict=True)]
+        return np.arange(len(views)) > 0, ["one too many"] if len(self.way) == 3 else []
+
+    def add_view(self):
+        self.taken.append(self.way[-1])
+        return len(self.taken) - 1
+
+    def pose(self):
+        return self.way[-1], 1e-4 * np.eye(3)
+
+    def views(self):
+        return np.array(self.taken).reshape(-1, 3), np.tile(1e-4 * np.eye(3), (len(self.taken), 1, 1))
+
+    def finish(self):
+        return np.array(self.way)
+
+
+def parts(**changed):
+    ready = {
+        "sensor": Ring(),
+        "odometry": Exact(),
+        "odometries": {"views": Seeing()},
+        "view_filters": {"belief": Believing()},
+    }
+    return Parts(**{**ready, **changed})
+
+
+def run(study=None, record=None, **changed):
+    return (study or ViewSlam(every_m=0.2, every_rad=0.5)).run(
+        parts(**changed), record or Recorder(), np.random.default_rng(5)
+    )
+
+
+def values(report):
+    return {metric.name: metric.value for metric in report.metrics}
+
+
+def test_it_keeps_the_contract_of_studies():
+    noisy = Exact(noise=0.01)
+    check_study(ViewSlam(every_m=0.2, every_rad=0.5), parts(odometry=noisy))
+
+
+def test_views_are_taken_where_nothing_is_like_them_and_seen_from_near_by():
+    found = values(run(ViewSlam(every_m=0.1, every_rad=0.5, views=Association(similarity=0.5, range_m=1.2))))
+    # half of the matches agree up to ln 2 m, which the next image, up to 0.1 m later, exceeds
+    assert found["belief_views"] == pytest.approx(2 * np.pi / (np.log(2) + 0.1), abs=1)
+    assert found["belief_observed"] > 50
+    assert found["belief_rms"] == pytest.approx(0, abs=1e-9)
+    assert found["odometry_rms"] == pytest.approx(0, abs=1e-9)
+    assert 0 < found["belief_gated"] < 1
+
+
+def test_what_is_observed_are_the_true_angles():
+    rng = np.random.default_rng(0)
+    truth, sensor = way(), Ring()
+    (frames,) = [f for f in sensor.frames(sensor.plan(RecordedPoses())) if f.plan_index[0] == 0]
+    looks = Seeing().look(frames)
+    relate = lambda i, j: Seeing().motion(looks[i], looks[j], rng)
+    start = vectors(truth[:1], planar=True)[0]
+    mapper = ViewMapper(Believing(), Association(nearest_m=0.0, similarity=0.9), relate, start)
+    mapper.take(0, looks[0], None, None)
+    for i in range(1, 9):
+        step = vectors((inverse(truth[i - 1]) @ truth[i])[None], planar=True)[0]
+        mapper.take(i, looks[i], step, np.eye(3))
+    assert len(mapper.map.seen) > 5
+    for view, robot, (bearing, turn) in mapper.map.seen:
+        assert wrap_angle(bearing - np.arctan2(*(view - robot)[1::-1]) + robot[2]) == pytest.approx(0, abs=1e-9)
+        assert wrap_angle(turn - view[2] + robot[2]) == pytest.approx(0, abs=1e-9)
+
+
+@settings(max_examples=40, deadline=None)
+@given(x=st.floats(-2, 2), y=st.floats(0.1, 2), turn=st.floats(-3, 3), seed=st.integers(0, 99))
+def test_the_covariance_of_the_angles_is_that_of_the_motion(x, y, turn, seed):
+    spread = np.random.default_rng(seed).standard_normal((3, 3)) * 0.01
+    motion = Motion(np.array([x, y, turn]), spread @ spread.T, "1")
+    angles, covariance = angles_of(motion, 1e-9)
+    step = 1e-6
+    J = np.array([
+        (angles_of(Motion(motion.vector + step * axis, motion.covariance, "1"), 0)[0] - angles) / step for axis in np.eye(3)
+    ]).T  # fmt: skip
+    assert covariance == pytest.approx(J @ motion.covariance @ J.T, rel=1e-3, abs=1e-9)
+
+
+def test_similarity_is_that_of_the_print():
+    assert similarity(Motion(np.zeros(3), np.eye(3), "m", agree=np.array([1, 1, 0], bool), features=8)) == 2 * 2 / 8
+    assert similarity(Motion(np.zeros(3), np.eye(3), "m")) == 0
+
+
+def test_black_images_and_lost_odometry_are_told_and_cost_no_more():
+    lines = []
+
+    class Watching(Recorder):
+        def log(self, path, record, tick=None):
+            if path == "log":
+                lines.append(record.text)
+            if path == "query/panorama":
+                assert isinstance(record, Image)
+
+    report = run(record=Watching(), sensor=Ring(black=[3]), odometry=Exact(fails=True))
+    found = values(report)
+    assert found["lost_steps"] == found["images"] - 1
+    assert any("image 3" in line and "black" in line for line in lines)
+    assert any("stuck" in line for line in lines)
+    assert report.tables["steps"]["belief_observed"][3] == 0
+
+
+def test_files_and_tables_hold_every_way():
+    report = run()
+    count = values(report)["images"]
+    assert {f"{name}.tum" for name in ("odometry", "truth", "belief", "belief_final")} == set(report.files)
+    assert all(len(text.splitlines()) == count for text in report.files.values())
+    assert report.tables["filters"]["filter"] == ["belief"]
+    assert set(report.figures) == {"belief"}
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"odometries": {}}, "odometries.views=planar_epipolar"),
+        ({"view_filters": {}}, "needs view filters"),
+    ],
+)
+def test_parts_that_are_missing_are_named(changed, said):
+    with pytest.raises(ConfigError, match=said):
+        run(**changed)
+
+
+def test_images_without_poses_or_alone_are_refused():
+    with pytest.raises(DataError, match="have no poses"):
+        run(ViewSlam(images=Source.recorded), sensor=Ring(known=False))
+    with pytest.raises(DataError, match="a sequence of 1 image"):
+        run(ViewSlam(images=Source.recorded), sensor=Ring(count=1))
+
+
+@pytest.mark.parametrize("wrong", [{"images": Source.random}, {"every_m": 0}, {"every_rad": -1}, {"show": 0}])
+def test_settings_that_mean_nothing_are_refused(wrong):
+    with pytest.raises(ConfigError, match=r"study\."):
+        ViewSlam(**wrong)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"nearest_m": 3.0}, {"candidates": 0}, {"similarity": 0.0}, {"least": 1}, {"sigma_deg": 0.0}]
+)
+def test_associations_that_see_nothing_are_refused(wrong):
+    with pytest.raises(ConfigError, match=r"study\.views\."):
+        Association(**wrong)
+
+
+def test_the_way_of_the_world_is_asked_for_by_name_and_spaced():
+    sensor = Ring()
+    run(ViewSlam(path="around", height_m=0.7, every_m=0.2, every_rad=0.1), sensor=sensor)
+    assert sensor.asked[0] == NamedPath("around", 0.7)
+    placed = sensor.asked[1].T_world_camera
+    turned = np.abs(wrap_angle(np.diff(heading_of(placed))))
+    assert turned == pytest.approx(0.1, abs=0.01)  # it turns 0.1 before it has gone 0.2 m
+    straight = planar_poses(np.column_stack([np.arange(5.0), np.zeros(5), np.ones(5)]))
+    step = between(vectors(spaced(straight, 0.3, 0.1), planar=True), np.array([[0, 1]]))[0]
+    assert step == pytest.approx([0.3, 0, 0], abs=0.03)
+
+
+def test_two_panoramas_are_joined_where_matches_agree():
+    grey = np.zeros((8, 64), np.uint8)
+    matches = np.array([[[1.0, 0.5], [2.0, 0.5]], [[3.0, 0.5], [4.0, 0.5]]])
+    told = Motion(np.zeros(3), np.eye(3), "m", "", matches, np.array([True, False]))
+    picture = pair(grey, grey, told)
+    assert picture.shape == (32, 128, 3)
+    green, red = picture[:, :, 1].astype(int), picture[:, :, 0].astype(int)
+    assert (green - red > 60).any(axis=1).sum() > 14  # a line from one to the other
+    assert 0 < (red - green > 60).any(axis=1).sum() < 14  # dots alone
+    assert not pair(grey, None, None).any()
