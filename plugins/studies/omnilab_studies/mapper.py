@@ -102,8 +102,7 @@ class Mapper:
     @property
     def groups(self) -> Ints:
         """Whose lengths those of each edge (E,) are; RIGHT where they are in the map's unit."""
-        right = [teller.unit in {"", self.unit} for teller in self.tellers]
-        return np.array([RIGHT if right[k] else k for k in self._whose], int)
+        return self._groups(0)
 
     @property
     def loops(self) -> Bools:
@@ -135,7 +134,7 @@ class Mapper:
         for earlier, motion, covariance in zip(closures.nodes, closures.motions, closures.covariances, strict=True):
             self._add(int(earlier), node, motion, covariance, 0, loop=True)
         ends, motions, information = self._edges(start)
-        motions, information = scaled(motions, information, self.groups[start:], self.factors)
+        motions, information = scaled(motions, information, self._groups(start), self.factors)
         with self._record.timed("grow the map"):
             said = self._growing.add(moved(self._growing.pose(int(ends[0, 0])), motions[0]), ends, motions, information)
             self.online.append(self._growing.pose(node))
@@ -200,6 +199,11 @@ class Mapper:
         self._covariances.append(covariance)
         self._whose.append(teller)
         self._loops.append(loop)
+
+    def _groups(self, start: int) -> Ints:
+        """Groups of the edges from one on."""
+        right = [teller.unit in {"", self.unit} for teller in self.tellers]
+        return np.array([RIGHT if right[k] else k for k in self._whose[start:]], int)
 
     def _edges(self, start: int) -> tuple[Ints, Floats, Floats]:
         """Ends (e, 2), motions (e, 3) and information (e, 3, 3) from one edge on, lengths as they were told."""
