@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
+from importlib.resources import files
 from pathlib import Path
 
 from omnilab import hooks
@@ -17,6 +18,17 @@ from omnilab.errors import ConfigError, DataError, OmnilabError, did_you_mean
 from omnilab.logbook import KILLED, RUNNING, LoadedRun, Logbook, find_runs, load_run, new_folder_name
 from omnilab.registry import KINDS, Registry, discover
 from omnilab.terminal import headline, print_error, print_table, short, show_run
+
+HELP = """\
+omnilab: experiments in omnidirectional vision.
+
+omnilab [-m] [experiment=NAME] [OVERRIDE ...]   run an experiment (-m: a sweep over comma-separated values)
+omnilab {commands}   (each with --help)
+
+{names}
+
+A component's settings: omnilab plugins NAME. The whole configuration: omnilab experiment=NAME --cfg job
+"""
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -49,7 +61,23 @@ def _dispatch(argv: list[str]) -> int:
         from omnilab.experiment import experiment
 
         registry = discover_loudly()
+    if "--help" in argv or "-h" in argv:
+        return _help(registry)
     return experiment(argv, registry)
+
+
+def _help(registry: Registry) -> int:
+    """What can be run. Hydra's own help copies all settings of all components for each kind, which takes seconds."""
+    experiments = (path.name for path in (files("omnilab.conf") / "experiment").iterdir())
+    names = {"experiment": sorted(name.removesuffix(".yaml") for name in experiments if name.endswith(".yaml"))}
+    names |= {kind: registry.names(kind) for kind in KINDS}
+    sys.stdout.write(
+        HELP.format(
+            commands=" | ".join([*COMMANDS, *sorted(registry.commands)]),
+            names="\n".join(f"{kind}: {', '.join(names[kind])}" for kind in sorted(names)),
+        )
+    )
+    return 0
 
 
 @contextmanager

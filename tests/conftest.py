@@ -19,6 +19,7 @@ from omnilab.cli import main
 from omnilab.registry import KINDS
 
 SCRIPT = Path(sys.executable).with_name("omnilab")
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # or each of our processes would compile all it imports
 
 
 class Result(NamedTuple):

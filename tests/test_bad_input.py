@@ -298,29 +298,27 @@ def test_a_run_without_a_recording_cannot_be_viewed(omnilab_here, refused):
     assert "sink rerun" in sentence
 
 
-@pytest.mark.parametrize(
-    ("file", "text"),
-    [
+def test_a_damaged_file_of_a_run_is_named_and_hides_no_other_run(omnilab_here, refused, tmp_path):
+    for _ in range(2):
+        assert omnilab_here(*SMALL, "~sinks.rerun", "~sinks.mcap").rc == 0
+    damaged = (tmp_path / "logs/latest").resolve()
+    for file, text in [
         ("status.json", "[]"),
         ("manifest.json", "{}"),
         ("config.yaml", "a: [unclosed"),
         ("config.yaml", "sensor: {}"),
         ("metrics.csv", "metric,value,unit\nnearest_rate,much,1\n"),
         ("metrics.csv", "name\nnearest_rate\n"),
-    ],
-)
-def test_a_damaged_file_of_a_run_is_named_and_hides_no_other_run(omnilab_here, refused, tmp_path, file, text):
-    for _ in range(2):
-        assert omnilab_here(*SMALL, "~sinks.rerun", "~sinks.mcap").rc == 0
-    damaged = (tmp_path / "logs/latest").resolve()
-    (damaged / file).write_text(text)
-    if file in ("manifest.json", "config.yaml"):
-        assert file in refused("repeat", str(damaged))
-    listed = omnilab_here("runs")
-    assert listed.rc == 0
-    assert listed.stdout.count("nearest_rate") >= 1
-    if file != "config.yaml":  # which is not needed for the list
-        assert "unreadable" in listed.stdout
+    ]:
+        whole = (damaged / file).read_text()
+        (damaged / file).write_text(text)
+        if file in ("manifest.json", "config.yaml"):
+            assert file in refused("repeat", str(damaged))
+        listed = omnilab_here("runs")
+        assert listed.rc == 0
+        assert listed.stdout.count("nearest_rate") >= 1
+        assert ("unreadable" in listed.stdout) == (file != "config.yaml")  # which is not needed for the list
+        (damaged / file).write_text(whole)
 
 
 def test_settings_that_do_not_exist_are_refused_after_a_plus_too(refused):

@@ -194,6 +194,7 @@ def test_ctrl_c_before_the_run(start, tmp_path):
 
 
 # ------------------------------------------------------------------------------------------- SIGKILL
+@pytest.mark.slow
 def test_a_killed_run_can_be_mended(start, omnilab_here):
     run = start(STEP["queries"])
     until_stage(run, "queries")

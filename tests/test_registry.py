@@ -231,6 +231,16 @@ def test_the_list_names_every_component_and_its_origin(omnilab_here: Callable[..
         assert " ".join(component.summary.split()) in " ".join(out.split())
 
 
+def test_help_names_commands_components_and_experiments(omnilab_here: Callable[..., Any]) -> None:
+    rc, out, err = omnilab_here("--help")
+    assert (rc, err) == (0, "")
+    assert "omnilab plugins | runs | view | repeat | repair | check | world " in out
+    for kind in KINDS:
+        assert re.search(rf"^{kind}: {', '.join(discover().names(kind))}$", out, re.MULTILINE)
+    recipes = sorted(path.stem for path in (Path(__file__).parents[1] / "conf/experiment").glob("*.yaml"))
+    assert f"experiment: {', '.join(recipes)}\n" in out
+
+
 def test_failures_come_last_with_exit_code_1(write: Write) -> None:
     broken = write("broken", "import nowhere_to_be_found")
     script = "import sys; from omnilab.cli import main; main(sys.argv[1:])"

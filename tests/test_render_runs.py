@@ -84,6 +84,7 @@ def test_depth_and_colour_come_back_bit_for_bit_from_anywhere(omnilab_here, tmp_
     assert read.camera == direct.camera == sensor.camera
 
 
+@pytest.mark.slow
 def test_disturbances_spoil_the_images_the_same_whatever_the_processes(omnilab, omnilab_here, tmp_path):
     small = [*SMALL, "study.step_m=0.35", "sensor.size=32"]
     assert omnilab_here(*small, "disturbance=gaussian_noise", "study.folder=one").rc == 0

@@ -9,6 +9,7 @@ import pytest
 
 from omnilab_studies import Grid
 
+pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
 WORLD = Path(__file__).with_name("box_world.yaml")
 SMALL = [
     "experiment=quickstart", f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1", "descriptor.offsets=48",

@@ -75,6 +75,7 @@ def test_it_runs_with_its_own_default_distance(with_tiny: Callable[..., Any], tm
     assert float(metrics["bytes_per_place"]) == 8 * 64 * 4
 
 
+@pytest.mark.slow
 def test_it_is_swept_beside_ours(with_tiny: Callable[..., Any], tmp_path: Path) -> None:
     rc, _, err = with_tiny("-m", *SMALL, "descriptor=radon,tiny")
     assert rc == 0, err
