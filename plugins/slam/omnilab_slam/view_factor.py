@@ -11,37 +11,58 @@ import numpy.typing as npt
 from omnilab.api import Floats
 
 
-def view_factor(robot: int, view: int, angles_rad: Floats, noise: Any) -> Any:
-    """What was observed, bearing and relative orientation (2,), as GTSAM's factor between two of its poses.
+FLOOR = 1e-12  # m², rad²: added to variances, so that a robot that stands still and knows it has an inverse covariance
+SOFTNESS = 0.25  # of the least distance: standard deviation of a view that seems nearer
 
-    Both angles in one: their errors are correlated, and GTSAM's own bearing factor knows one of them.
+
+def view_factor(robot: int, view: int, angles_rad: Floats, covariance: Floats, nearest_m: float) -> Any:
+    """What was observed, bearing and relative orientation (2,) with covariance (2, 2), as GTSAM's factor between two poses.
+
+    Both angles in one: their errors are correlated, and GTSAM's own bearing factor knows one of them. A third row keeps
+    the poses apart: close to a view the slightest move explains any bearing, which draws poses there, and where its
+    derivative is that large the covariance is no more than a rumour.
     """
     import gtsam
 
     bearing, orientation = angles_rad.tolist()
+    spread = np.diag([0, 0, (SOFTNESS * nearest_m) ** 2])
+    spread[:2, :2] = covariance
 
     def error(_: Any, values: Any, derivatives: Any) -> npt.NDArray[np.float64]:
         a, b = values.atPose2(robot), values.atPose2(view)
-        angles, by_robot, by_view = own_angles(a.x(), a.y(), a.theta(), b.x(), b.y(), b.theta())
+        seen, by_robot, by_view = own_angles(a.x(), a.y(), a.theta(), b.x(), b.y(), b.theta(), nearest_m)
         if derivatives is not None:
             derivatives[0], derivatives[1] = by_robot, by_view
-        off = (angles[0] - bearing, angles[1] - orientation)
-        return np.array([math.remainder(one, 2 * math.pi) for one in off])
+        off = (math.remainder(seen[0] - bearing, 2 * math.pi), math.remainder(seen[1] - orientation, 2 * math.pi))
+        return np.array([*off, seen[2]])
 
-    return gtsam.CustomFactor(noise, [robot, view], error)
+    return gtsam.CustomFactor(noise_of(spread), [robot, view], error)
 
 
 def own_angles(
-    x: float, y: float, heading: float, view_x: float, view_y: float, view_heading: float
-) -> tuple[tuple[float, float], Floats, Floats]:
-    """Bearing and relative orientation, and their derivatives (2, 3) by both poses as GTSAM moves them: in their own frames."""
+    x: float, y: float, heading: float, view_x: float, view_y: float, view_heading: float, nearest_m: float
+) -> tuple[tuple[float, float, float], Floats, Floats]:
+    """Bearing, relative orientation and the metres that a view is too near, and their derivatives (3, 3) by both poses.
+
+    The derivatives are those of moves as GTSAM makes them, in each pose's own frame.
+    """
     c, s = math.cos(heading), math.sin(heading)
     dx, dy = view_x - x, view_y - y
     ahead, left = c * dx + s * dy, c * dy - s * dx
     squared = max(ahead * ahead + left * left, 1e-12)
+    distance = math.sqrt(squared)
+    short = max(0.0, nearest_m - distance)
     p, q = -left / squared, ahead / squared
+    u, v = (ahead / distance, left / distance) if short else (0.0, 0.0)
     between = view_heading - heading
     c, s = math.cos(between), math.sin(between)
-    by_robot = np.array([[-p, -q, -1.0], [0, 0, -1]])
-    by_view = np.array([[p * c + q * s, q * c - p * s, 0], [0, 0, 1.0]])
-    return (math.atan2(left, ahead), between), by_robot, by_view
+    by_robot = np.array([[-p, -q, -1.0], [0, 0, -1], [u, v, 0]])
+    by_view = np.array([[p * c + q * s, q * c - p * s, 0], [0, 0, 1.0], [-u * c - v * s, u * s - v * c, 0]])
+    return (math.atan2(left, ahead), between, short), by_robot, by_view
+
+
+def noise_of(covariance: Floats) -> Any:
+    """A covariance as GTSAM's noise."""
+    import gtsam
+
+    return gtsam.noiseModel.Gaussian.Covariance(covariance + FLOOR * np.eye(len(covariance)))

@@ -13,10 +13,9 @@ from omnilab.geometry import wrap_angle
 from omnilab.graphs import moved
 from omnilab_slam.factors import check_at_least, factor_of, pose_of, poses_of, vector_of
 from omnilab_slam.solving import FAILURES, brief, levenberg_marquardt
-from omnilab_slam.view_factor import view_factor
+from omnilab_slam.view_factor import noise_of, view_factor
 from omnilab_slam.view_model import Gate, Seen, check_motion, check_start, mahalanobis, see, turn, usable
 
-FLOOR = 1e-12  # m², rad²: added to variances, so that a robot that stands still and knows it has an inverse covariance
 LOOSE = np.eye(3)  # m², rad²: of the motion to a pose whose update failed
 MOST_ITERATIONS, TOLERANCE = 100, 1e-6  # of the last solution
 
@@ -26,17 +25,20 @@ class ViewGraph(Gate):
     """Factor graph of all the robot's poses, of which some are views: motions, bearings and relative orientations.
 
     iSAM2 (Kaess et al., 2012), by QR, solves it step by step, and linearises anew what has moved. Where a robot that has
-    lost its way sees a view again, bearings are far from linear: what surprises makes it solve the whole graph
-    (Levenberg-Marquardt), as `finish` does. Observations are gated by the covariance that the graph predicts.
+    lost its way sees a view again, bearings are far from linear: an update that does not explain what it was told has the
+    whole graph solved (Levenberg-Marquardt), as `finish` does. Observations are gated by the covariance that the graph
+    predicts, and poses are kept `nearest_m` from the views that they observe.
     """
 
-    surprise_rad: float = 0.3  # an angle that is believed and off by more has the whole graph solved
+    surprise: float = (
+        9.0  # squared Mahalanobis distance of an observation after its update that has the whole graph solved
+    )
     relinearize_threshold: float = 0.1  # m and rad that a pose may move before its factors are linearised anew
     relinearize_every: int = 10  # updates; a step has one for its motion and one for what it sees
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_at_least("surprise_rad", self.surprise_rad, 0, "view_filter")
+        check_at_least("surprise", self.surprise, 0, "view_filter")
         check_at_least("relinearize_threshold", self.relinearize_threshold, 0, "view_filter")
         check_at_least("relinearize_every", self.relinearize_every, 1, "view_filter")
 
@@ -56,7 +58,7 @@ class GraphMap:
         self._kept = gtsam.NonlinearFactorGraph()
         self._tree = self._planted()
         to_own = turn(-pose[2])
-        prior = gtsam.PriorFactorPose2(0, pose_of(pose), _noise(to_own @ covariance @ to_own.T))
+        prior = gtsam.PriorFactorPose2(0, pose_of(pose), noise_of(to_own @ covariance @ to_own.T))
         self._update([prior], {0: pose})
 
     def predict(self, motion: Floats, covariance: Floats) -> list[str]:
@@ -67,10 +69,10 @@ class GraphMap:
         guess = moved(self._at(self._step), motion)
         new = self._step + 1
         try:
-            self._update([factor_of(self._step, new, motion, _noise(covariance))], {new: guess})
+            self._update([factor_of(self._step, new, motion, noise_of(covariance))], {new: guess})
         except FAILURES as error:
             self._plant_again()
-            self._update([factor_of(self._step, new, motion, _noise(LOOSE))], {new: guess})
+            self._update([factor_of(self._step, new, motion, noise_of(LOOSE))], {new: guess})
             said.append(
                 f"step {new}: the motion could not be added ({brief(error)}); the robot is where it was guessed"
             )
@@ -84,24 +86,31 @@ class GraphMap:
         believed, said = usable(views, seen, angles_rad, covariances, self._settings.nearest_m, self._step)
         if not believed.any():
             return believed, said
+        before = self._kept.size()
         try:
             fit = np.flatnonzero(believed)
             S = covariances[fit] + self._spread([nodes[k] for k in fit], seen.at(fit))
             v = wrap_angle(angles_rad[fit] - seen.angles_rad[fit])
-            believed[fit] = inside = mahalanobis(v, S) <= self._settings.gate
+            believed[fit] = mahalanobis(v, S) <= self._settings.gate
             factors = [
-                view_factor(self._step, nodes[k], angles_rad[k], _noise(covariances[k]))
+                view_factor(self._step, nodes[k], angles_rad[k], covariances[k], self._settings.nearest_m)
                 for k in np.flatnonzero(believed)
             ]
-            if np.abs(v[inside]).max(initial=0) > self._settings.surprise_rad:
-                said += self._solve(factors)
-            else:
-                self._update(factors, {})
+            self._update(factors, {})
+            if self._missed(np.array(nodes)[believed], angles_rad[believed], covariances[believed]):
+                said += self._solve()
         except FAILURES as error:
+            self._kept.resize(before)
             self._plant_again()
             believed[:] = False
             said.append(f"step {self._step}: the observations could not be added ({brief(error)}); they are left out")
         return believed, said
+
+    def _missed(self, nodes: Ints, angles_rad: Floats, covariances: Floats) -> bool:
+        """Whether an update leaves its observations farther off than they may be: it was far from linear."""
+        seen = see(self._at(self._step), np.array([self._at(int(node)) for node in nodes]).reshape(-1, 3))
+        v = wrap_angle(angles_rad - seen.angles_rad)
+        return bool((mahalanobis(v, covariances) > self._settings.surprise).any())
 
     def _spread(self, nodes: list[int], seen: Seen) -> Floats:
         """Covariances (K, 2, 2) of what it should see at nodes, from those of the robot with each."""
@@ -165,17 +174,11 @@ class GraphMap:
         self._tree.update(new, values)
         self._kept.push_back(new)
 
-    def _solve(self, factors: list[Any]) -> list[str]:
-        """The whole graph with new factors, solved from where it is; a tree of that. What went wrong."""
-        import gtsam
-
-        whole, tree = gtsam.NonlinearFactorGraph(), self._planted()
-        whole.push_back(self._kept)
-        for factor in factors:
-            whole.push_back(factor)
-        solved = levenberg_marquardt(whole, self._tree.calculateEstimate(), MOST_ITERATIONS, TOLERANCE)
-        tree.update(whole, solved.values)
-        self._tree, self._kept = tree, whole
+    def _solve(self) -> list[str]:
+        """The whole graph solved from where it is, and a tree of that. What went wrong."""
+        solved = levenberg_marquardt(self._kept, self._tree.calculateEstimate(), MOST_ITERATIONS, TOLERANCE)
+        self._tree = self._planted()
+        self._tree.update(self._kept, solved.values)
         return [f"step {self._step}: {sentence}" for sentence in solved.said]
 
     def _plant_again(self) -> None:
@@ -185,9 +188,3 @@ class GraphMap:
             values.erase(self._step + 1)
         self._tree = self._planted()
         self._tree.update(self._kept, values)
-
-
-def _noise(covariance: Floats) -> Any:
-    import gtsam
-
-    return gtsam.noiseModel.Gaussian.Covariance(covariance + FLOOR * np.eye(len(covariance)))

@@ -18,7 +18,7 @@ class Gate:
     """Settings that view filters share."""
 
     gate_probability: float = 0.999  # of sound observations to be believed; 1: all are
-    nearest_m: float = 0.2  # views that seem nearer are left out: their bearing is undefined
+    nearest_m: float = 0.2  # views are observed from no nearer: those that seem so are left out
 
     def __post_init__(self) -> None:
         if not 0 < self.gate_probability <= 1:

@@ -158,20 +158,36 @@ def test_the_factor_s_derivatives_are_by_moves_in_each_pose_s_own_frame():
     import gtsam
 
     rng = np.random.default_rng(2)
-    for _ in range(20):
+    for nearest_m in [1.0] * 20 + [9.0] * 20:  # views that are far enough, and views that are too near
         a, b = gtsam.Pose2(*rng.uniform(-2, 2, 3)), gtsam.Pose2(*rng.uniform(3, 5, 3))
 
-        def angles(a, b):
-            return np.array(own_angles(a.x(), a.y(), a.theta(), b.x(), b.y(), b.theta())[0])
+        def rows(a, b, nearest_m=nearest_m):
+            return own_angles(a.x(), a.y(), a.theta(), b.x(), b.y(), b.theta(), nearest_m)
 
-        _, by_a, by_b = own_angles(a.x(), a.y(), a.theta(), b.x(), b.y(), b.theta())
+        (_, _, short), by_a, by_b = rows(a, b)
+        assert short == pytest.approx(max(0, nearest_m - np.hypot(b.x() - a.x(), b.y() - a.y())))
         for found, moved in (
             (by_a, lambda d, a=a, b=b: (a.retract(d), b)),
             (by_b, lambda d, a=a, b=b: (a, b.retract(d))),
         ):
-            expected = numeric(lambda d, moved=moved: angles(*moved(d)), np.zeros(3))
-            difference = found - expected
-            assert np.allclose(difference, 0, atol=1e-6)
+            expected = numeric(lambda d, moved=moved: np.array(rows(*moved(d))[0]), np.zeros(3))
+            assert np.allclose(found, expected, atol=1e-6)
+
+
+def test_a_pose_is_not_drawn_to_the_view_it_observes():
+    """Two bearings that disagree are best explained from the view itself, were it not known to be farther off."""
+    nearest, sigma = {}, {}
+    for nearest_m in (1.0, 1e-3):
+        found = ViewGraph(gate_probability=1, nearest_m=nearest_m).begin(np.zeros(3), 1e-6 * np.eye(3))
+        found.add_view()
+        found.predict(np.array([1.6, 0, 0]), np.diag([0.5, 0.5, 0.01]) ** 2)
+        found.observe(np.array([0]), np.array([[np.pi - 1.3, 0.0]]), R[None])
+        found.predict(np.array([0.0, 0.5, 0]), np.diag([1e-3, 1e-3, 1e-3]) ** 2)
+        found.observe(np.array([0]), np.array([[-np.pi + 1.3, 0.0]]), R[None])
+        nearest[nearest_m] = np.hypot(*found.finish()[1:, :2].T).min()
+        sigma[nearest_m] = np.sqrt(np.diagonal(found.pose()[1])[:2]).min()
+    assert nearest[1.0] > 1.5 * nearest[1e-3]
+    assert sigma[1.0] > 1.5 * sigma[1e-3]
 
 
 def test_what_the_graph_predicts_is_its_marginals_propagated():
@@ -188,8 +204,8 @@ def test_what_the_graph_predicts_is_its_marginals_propagated():
         joint = marginals.jointMarginalCovariance([found._step, node])
         both = [(i, j) for i in (found._step, node) for j in (found._step, node)]
         P = np.block([[joint.at(*both[0]), joint.at(*both[1])], [joint.at(*both[2]), joint.at(*both[3])]])
-        _, A, B = own_angles(*robot, *views[k])
-        H = np.hstack([A, B])
+        _, A, B = own_angles(*robot, *views[k], 0.2)
+        H = np.hstack([A[:2], B[:2]])
         assert np.allclose(S[k], H @ P @ H.T, rtol=2e-2, atol=1e-6)
 
 
@@ -321,7 +337,7 @@ def test_settings_and_starts_that_cannot_be_are_one_sentence():
         for kind in (ViewEkf, ViewGraph):
             with pytest.raises(ConfigError, match=r"view_filter\..*give"):
                 kind(**settings)
-    for settings in ({"surprise_rad": -1.0}, {"relinearize_every": 0}):
+    for settings in ({"surprise": -1.0}, {"relinearize_every": 0}):
         with pytest.raises(ConfigError, match=r"view_filter\..*give"):
             ViewGraph(**settings)
     for kind in (ViewEkf(), ViewGraph()):
