@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from omnilab.api import Floats
 
-
 FLOOR = 1e-12  # m², rad²: added to variances, so that a robot that stands still and knows it has an inverse covariance
 SOFTNESS = 0.25  # of the least distance: standard deviation of a view that seems nearer
 

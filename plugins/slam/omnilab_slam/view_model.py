@@ -18,7 +18,7 @@ class Gate:
     """Settings that view filters share."""
 
     gate_probability: float = 0.999  # of sound observations to be believed; 1: all are
-    nearest_m: float = 0.2  # views are observed from no nearer: those that seem so are left out
+    nearest_m: float = 0.2  # views are observed from no nearer: those that seem to be are left out
 
     def __post_init__(self) -> None:
         if not 0 < self.gate_probability <= 1:
@@ -61,18 +61,16 @@ def see(robot: Floats, views: Floats) -> Seen:
 def usable(
     views: Ints, seen: Seen, angles_rad: Floats, covariances: Floats, nearest_m: float, step: int
 ) -> tuple[Bools, list[str]]:
-    """Which observations (K,) can be used, and what is wrong with the others."""
+    """Which observations (K,) can be used: of views that are far enough, and sound. What is wrong with those that are not."""
     finite, positive = np.isfinite(angles_rad).all(axis=1), is_covariance(covariances)
-    far = seen.distance_m >= nearest_m
     wrong = {
         "angles that are no numbers": ~finite,
         "a covariance that is not positive definite": ~positive,
-        f"the robot within {nearest_m} m, where its bearing is undefined": ~far,
     }
     said = [
         f"step {step}: view {view} has {what}; it is left out" for what, which in wrong.items() for view in views[which]
     ]
-    return finite & positive & far, said
+    return finite & positive & (seen.distance_m >= nearest_m), said
 
 
 def is_covariance(matrices: Floats) -> Bools:
