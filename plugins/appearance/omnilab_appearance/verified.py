@@ -42,6 +42,7 @@ class Verified:
     parallax_steps: float = 2.0  # and at most so many times that of usual steps, near walls or far from them
     exclude: int = 30  # images just before that are not compared with
     most: int = 1  # closures of an image, those that moved least
+    pause: int = 0  # images after one with a closure that look for none: maps of ways driven over and over stay thin
     reach: float = 1.0  # standard deviation of the position where the floor tells no length, in usual steps
     turn_sigma_deg: float = 0.5  # and of the heading, at least
     cells: int = 16  # of the HOG
@@ -58,6 +59,8 @@ class Verified:
                 f"least={self.least}, share={self.share:g}, parallax_deg={self.parallax_deg:g} confirm nothing; give 4 matches"
                 " or more, a share up to 1, and degrees above 0"
             )
+        if self.pause < 0:
+            raise ConfigError(f"pause={self.pause} is no number of images; give 0 or more")
         RadonHog(self.cells, self.bins)
 
     def begin(self) -> VerifiedMemory:
@@ -78,7 +81,7 @@ class VerifiedMemory:
     """Descriptions and features of all images so far."""
 
     def __init__(self, settings: Verified) -> None:
-        self._settings, self._hogs = settings, Remembered()
+        self._settings, self._hogs, self._rest = settings, Remembered(), 0
         self._sightings: list[Sighting | None] = []  # None of what is unusable
         self._steps: list[float] = []  # distances between images that follow each other
         self._parallaxes: list[float] = []  # of some steps, root mean squares in radians
@@ -96,11 +99,15 @@ class VerifiedMemory:
         self._steps.append(float(self._hogs.distances(0)[-1]))
         if len(self._hogs) % EVERY == 2:  # the first step already
             self._measure(rng)
+        if self._rest > 0:
+            self._rest -= 1
+            return none(0)
         distances = self._hogs.distances(s.exclude)
         likely = np.argsort(distances, kind="stable")[: s.candidates]
         likely = likely[distances[likely] <= s.alike * np.median(self._steps)]
         confirmed = [found for node in likely.tolist() if (found := self._confirmed(node, sighting, step, rng))]
         confirmed = sorted(confirmed, key=lambda found: found.parallax_rad)[: s.most]
+        self._rest = s.pause if confirmed else 0
         nodes: Ints = np.array([found.node for found in confirmed], int)
         return Closures(
             nodes, np.array([found.motion for found in confirmed]).reshape(-1, 3),

@@ -110,6 +110,20 @@ def test_the_same_place_is_within_a_few_usual_steps(steps, nodes):
     assert told.nodes.tolist() == nodes
 
 
+@pytest.mark.parametrize(("pause", "closing"), [(0, [3, 4, 5, 6, 7]), (1, [3, 5, 7]), (3, [3, 7])])
+def test_after_a_closure_some_images_look_for_none(pause, closing):
+    """Rooms 0, 1, 2, and then the same again: each could close a loop."""
+    order = [0, 1, 2, 0, 1, 2, 0, 1]
+    looks = [sighting(POINTS[place], VECTORS[place]) for place in order]
+    told = recalled(Verified(exclude=1, alike=100, pause=pause), order, looks)
+    assert [image for image, closures in enumerate(told) if len(closures.nodes)] == closing
+
+
+def test_a_negative_pause_is_told():
+    with pytest.raises(ConfigError, match="pause=-1"):
+        Verified(pause=-1)
+
+
 def test_a_memory_grows_and_compares_with_all_but_the_last_ones():
     vectors = RNG.normal(size=(200, 5))
     memory = Remembered()
