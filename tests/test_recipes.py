@@ -20,6 +20,7 @@ def test_a_recipe_is_whole(name, tmp_path):
     registry = discover("")
     overrides = [f"experiment={name}", *([f"sensor.path={tmp_path}"] if name.startswith("recorded") else [])]
     overrides += [f"study.folder={tmp_path}"] if name == "render" else []
+    overrides += ["odometry.file=wheels.tum"] if name == "recorded_views" else []
     if name == "localize":
         poses = planar_poses(np.eye(3))
         used = {"descriptor": {"name": "radon"}, "distance": {"name": "poc"}}
