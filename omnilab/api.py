@@ -767,8 +767,11 @@ class ViewMap(Protocol):
     def pose(self) -> tuple[Floats, Floats]:
         """The robot's pose (3,) and its covariance (3, 3), of x, y and heading in the world's frame."""
 
-    def views(self) -> tuple[Floats, Floats]:
-        """The poses (N, 3) of the views and their covariances (N, 3, 3)."""
+    def views(self) -> Floats:
+        """The poses (N, 3) of the views."""
+
+    def view_covariances(self) -> Floats:
+        """Their covariances (N, 3, 3), of x, y and heading in the world's frame."""
 
     def finish(self) -> Floats:
         """All has been seen: the robot's poses (T, 3), the first and one after each prediction, as well as they can be known."""

@@ -295,7 +295,7 @@ def check_view_filter(view_filter: Any) -> None:
         if i % 4 == 0:
             _expect(found.add_view() == len(kept), "views are not numbered as they come")
             kept.append(truth[i])
-    views, spreads = found.views()
+    views, spreads = found.views(), found.view_covariances()
     pose, spread = found.pose()
     _expect(bool(np.allclose(views[:, :2], np.array(kept)[:, :2], atol=1e-3)), "views are not where they were taken")
     _expect(bool(np.allclose(pose[:2], truth[-1, :2], atol=1e-3)), "the robot is not where it is")

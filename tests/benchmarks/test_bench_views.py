@@ -26,7 +26,7 @@ def mapped(view_filter, count):
         found.predict(MOTION, Q)
         found.add_view()
     found.predict(MOTION, Q)
-    pose, views = found.pose()[0], found.views()[0]
+    pose, views = found.pose()[0], found.views()
     seen = see(pose, views)
     near = np.argsort(np.where(seen.distance_m > 0.9, seen.distance_m, np.inf))[:10]
     return found, near, seen.angles_rad[near]

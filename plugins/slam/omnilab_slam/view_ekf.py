@@ -121,12 +121,17 @@ class EkfMap:
         """See `omnilab.api.ViewMap`."""
         return self._state[:3].copy(), self._cov[:3, :3].copy()
 
-    def views(self) -> tuple[Floats, Floats]:
+    def views(self) -> Floats:
         """See `omnilab.api.ViewMap`."""
-        n, poses = self._size, self._state[3 : self._size].reshape(-1, 3).copy()
+        poses = self._state[3 : self._size].reshape(-1, 3).copy()
         poses[:, 2] = wrap_angle(poses[:, 2])
-        k = np.arange(len(poses))
-        return poses, self._cov[3:n, 3:n].reshape(len(k), 3, len(k), 3)[k, :, k]
+        return poses
+
+    def view_covariances(self) -> Floats:
+        """See `omnilab.api.ViewMap`."""
+        n = self._size
+        k = np.arange(n // 3 - 1)
+        return np.asarray(self._cov[3:n, 3:n].reshape(len(k), 3, len(k), 3)[k, :, k])
 
     def finish(self) -> Floats:
         """See `omnilab.api.ViewMap`."""

@@ -132,10 +132,13 @@ class GraphMap:
         """See `omnilab.api.ViewMap`."""
         return self._at(self._step), self._covariance(self._step)
 
-    def views(self) -> tuple[Floats, Floats]:
+    def views(self) -> Floats:
         """See `omnilab.api.ViewMap`."""
-        poses = np.array([self._at(node) for node in self._views]).reshape(-1, 3)
-        return poses, np.array([self._covariance(node) for node in self._views]).reshape(-1, 3, 3)
+        return np.array([self._at(node) for node in self._views]).reshape(-1, 3)
+
+    def view_covariances(self) -> Floats:
+        """See `omnilab.api.ViewMap`."""
+        return np.array([self._covariance(node) for node in self._views]).reshape(-1, 3, 3)
 
     def finish(self) -> Floats:
         """See `omnilab.api.ViewMap`."""

@@ -100,7 +100,7 @@ def test_ekf_is_that_of_the_equations():
     found, naive = ViewEkf(gate_probability=1).begin(angle0, start), Naive(angle0, start)
     drive(found, 130, np.random.default_rng(0), extra=(naive,))  # 21 views: more than there is room for at first
     pose, spread = found.pose()
-    views, spreads = found.views()
+    views, spreads = found.views(), found.view_covariances()
     assert len(views) == 21
     assert np.allclose(wrap_angle(pose - naive.x[:3])[2], 0, atol=1e-6)
     assert np.allclose(pose[:2], naive.x[:2], atol=1e-6)
@@ -119,7 +119,7 @@ def test_both_filters_agree_where_all_is_nearly_linear():
     (pose, spread), (other, its_spread) = ekf.pose(), graph.pose()
     assert np.allclose(pose, other, atol=0.02)
     assert np.allclose(spread, its_spread, atol=0.05 * spread.max())
-    assert np.allclose(ekf.views()[0], graph.views()[0], atol=0.03)
+    assert np.allclose(ekf.views(), graph.views(), atol=0.03)
     sigma = [np.sqrt(np.diagonal(each.pose()[1])) for each in (ekf, graph)]
     assert np.allclose(sigma[0], sigma[1], rtol=0.2)
     assert np.abs(graph.finish()[:, :2] - truth[:, :2]).max() < 0.2
@@ -134,7 +134,7 @@ def test_a_new_view_moves_with_the_robot():
     found.add_view()
     found.observe(np.array([0]), np.array([[np.pi - 0.03, 0.02]]), 1e-3 * np.eye(2)[None])
     pose, spread = found.pose()
-    views, spreads = found.views()
+    views, spreads = found.views(), found.view_covariances()
     assert np.allclose(pose, views[1])
     assert np.allclose(spread, spreads[1])
 
@@ -234,7 +234,7 @@ def test_wrong_associations_are_gated_and_cost_nothing(view_filter):
     found = view_filter.begin(np.array([4.0, 0, np.pi / 2]), 1e-6 * np.eye(3))
     drive(found, 60, np.random.default_rng(5), noise=0.05)
     pose, spread = found.pose()
-    views, _ = found.views()
+    views = found.views()
     angles = np.array(
         [angles_of(pose, views[2]) + np.array([1.2, 0]), angles_of(pose, views[5]), angles_of(pose, views[3]) - [0, 1]]
     )
@@ -249,7 +249,7 @@ def test_wrong_associations_are_gated_and_cost_nothing(view_filter):
 def test_angles_may_be_given_in_any_turn(view_filter):
     found = view_filter.begin(np.array([4.0, 0, np.pi / 2]), 1e-6 * np.eye(3))
     drive(found, 30, np.random.default_rng(6))
-    pose, views = found.pose()[0], found.views()[0]
+    pose, views = found.pose()[0], found.views()
     angles = angles_of(pose, views[1]) + 2 * np.pi * np.array([1, -2])
     believed, _ = found.observe(np.array([1]), angles[None], R[None])
     assert believed.all()
@@ -324,7 +324,7 @@ def test_an_update_of_the_graph_that_fails_is_said_and_the_map_goes_on(monkeypat
     assert "step 21: the motion could not be added" in said[0]
     assert np.allclose(np.hypot(*(found.pose()[0] - before)[:2]), 0.5, atol=0.05)
     calls.clear()
-    angles = angles_of(found.pose()[0], found.views()[0][0])
+    angles = angles_of(found.pose()[0], found.views()[0])
     believed, said = found.observe(np.array([0]), angles[None], R[None])
     assert not believed.any()
     assert "step 21: the observations could not be added" in said[0]

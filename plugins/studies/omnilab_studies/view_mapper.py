@@ -62,8 +62,9 @@ class ViewMapper:
     def take(self, image: int, look: Any, motion: Floats | None, covariance: Floats | None) -> Looked:
         """One more image, after the motion (3,) that odometry tells with a covariance (3, 3); neither at the first."""
         said = [] if motion is None or covariance is None else list(self.map.predict(motion, covariance))
-        compared = {} if isinstance(look, Unusable) else self._compared(image)
-        views, angles, spreads = self._seen(compared)
+        apart = np.linalg.norm(self.map.views()[:, :2] - self.map.pose()[0][:2], axis=1)
+        compared = {} if isinstance(look, Unusable) else self._compared(image, apart)
+        views, angles, spreads = self._seen(compared, apart)
         believed = np.zeros(0, bool)
         if len(views):
             believed, problems = self.map.observe(views, angles, spreads)
@@ -77,26 +78,18 @@ class ViewMapper:
             self.poses.append(self.map.pose())
         return Looked(views, angles, int(believed.sum()), compared, new, said)
 
-    def _compared(self, image: int) -> dict[int, Motion]:
-        """The relative pose of the image and each of the nearest views within the range."""
-        if not self.images:
-            return {}
-        robot, _ = self.map.pose()
-        distance = np.linalg.norm(self.map.views()[0][:, :2] - robot[:2], axis=1)
-        near = np.argsort(distance, kind="stable")[: self._settings.candidates]
+    def _compared(self, image: int, apart: Floats) -> dict[int, Motion]:
+        """The relative pose of the image and each of the nearest views within the range, by how far views are (V,)."""
+        near = np.argsort(apart, kind="stable")[: self._settings.candidates]
         return {
-            int(view): self._relate(image, self.images[view])
-            for view in near
-            if distance[view] <= self._settings.range_m
+            int(view): self._relate(image, self.images[view]) for view in near if apart[view] <= self._settings.range_m
         }
 
-    def _seen(self, compared: dict[int, Motion]) -> tuple[Ints, Floats, Floats]:
+    def _seen(self, compared: dict[int, Motion], apart: Floats) -> tuple[Ints, Floats, Floats]:
         """Views (K,) that enough matches show, their angles (K, 2) and covariances (K, 2, 2)."""
         s, found = self._settings, []
-        robot, _ = self.map.pose()
         for view, told in compared.items():
-            apart = np.linalg.norm(self.map.views()[0][view, :2] - robot[:2])
-            if not told.failed and agreeing(told) >= s.least and apart >= s.nearest_m:
+            if not told.failed and agreeing(told) >= s.least and apart[view] >= s.nearest_m:
                 found.append((view, *angles_of(told, np.deg2rad(s.sigma_deg))))
         return (
             np.array([view for view, _, _ in found], int),

@@ -39,7 +39,7 @@ def show_drive(record: Recorder, view_filter: ViewFilter, drive: Drive, ground: 
 
     def watch(step: int, found: ViewMap, seen: Ints) -> None:
         way.append(found.pose()[0])
-        last[:] = [found.views()]
+        last[:] = [(found.views(), found.view_covariances())]
         show_step(record, Tick(step, step * STEP_NS), np.array(way), last[0], seen, drive.angles_rad[step, seen, 0])
 
     trace = follow(view_filter, drive, range_m, watch)

@@ -226,7 +226,8 @@ class _Way:
         name, mapper = next(iter(self.mappers.items()))
         tick, found = Tick(image, self.stamps_ns[-1]), self.seen[name][-1]
         way = np.array([pose for pose, _ in mapper.poses])
-        show_step(self._record, tick, way, mapper.map.views(), found.views, found.angles_rad[:, 0])
+        views = (mapper.map.views(), mapper.map.view_covariances())
+        show_step(self._record, tick, way, views, found.views, found.angles_rad[:, 0])
         self._record.log("query/image", Image(frame.images[0]), tick)
         self._record.log("truth", line(np.array(self.truth), TRUTH), tick)
         self._record.log("odometry", line(np.array(self.odometry), ODOMETRY), tick)
@@ -253,7 +254,7 @@ def _report(way: _Way, record: Recorder) -> Report:
         final = mapper.map.finish()
         rows.append(_row(name, at, spread, final, truth, way.seen[name], len(mapper.images)))
         poses |= {name: at, f"{name}_final": final}
-        shown[name] = figures.Mapped(at, spread, *mapper.map.views())
+        shown[name] = figures.Mapped(at, spread, mapper.map.views(), mapper.map.view_covariances())
     first = next(iter(shown.values()))
     show_errors(record, first.poses, first.covariances, truth)
     length = float(path_length(matrices(truth))[-1])

@@ -118,7 +118,10 @@ class Belief:
         return self.way[-1], 1e-4 * np.eye(3)
 
     def views(self):
-        return np.array(self.taken).reshape(-1, 3), np.tile(1e-4 * np.eye(3), (len(self.taken), 1, 1))
+        return np.array(self.taken).reshape(-1, 3)
+
+    def view_covariances(self):
+        return np.tile(1e-4 * np.eye(3), (len(self.taken), 1, 1))
 
     def finish(self):
         return np.array(self.way)

@@ -60,7 +60,10 @@ class Believer:
         return self.way[-1], self.P
 
     def views(self):
-        return np.array(self.taken).reshape(-1, 3), np.tile(self.P, (len(self.taken), 1, 1))
+        return np.array(self.taken).reshape(-1, 3)
+
+    def view_covariances(self):
+        return np.tile(self.P, (len(self.taken), 1, 1))
 
     def finish(self):
         return np.array(self.way)
