@@ -138,7 +138,7 @@ def rrd_of(folder: Path) -> tuple[list[int], int]:
     ("number", "stage"),
     [
         (signal.SIGINT, "places"),
-        (signal.SIGTERM, "places"),
+        pytest.param(signal.SIGTERM, "places", marks=pytest.mark.slow),
         pytest.param(signal.SIGINT, "queries", marks=pytest.mark.slow),
         pytest.param(signal.SIGTERM, "queries", marks=pytest.mark.slow),
     ],

@@ -273,6 +273,7 @@ def sweep(omnilab_in, tmp_path_factory):
     return result, folder
 
 
+@pytest.mark.slow
 def test_a_sweep_has_a_folder_for_each_job(sweep):
     _, folder = sweep
     assert sorted(path.name for path in folder.iterdir() if path.is_dir()) == ["0", "1", "2", "3"]
@@ -282,6 +283,7 @@ def test_a_sweep_has_a_folder_for_each_job(sweep):
     assert (folder.parents[1] / "latest").resolve() == (folder / "3").resolve()
 
 
+@pytest.mark.slow
 def test_the_summary_holds_overrides_and_metrics_of_each_job(sweep):
     _, folder = sweep
     summary = rows_of(folder / "summary.csv")
@@ -297,6 +299,7 @@ def test_the_summary_holds_overrides_and_metrics_of_each_job(sweep):
     assert len({row["position_error_mean"] for row in summary}) > 1
 
 
+@pytest.mark.slow
 def test_the_summary_is_printed(sweep):
     result, folder = sweep
     title, header, _, *lines = result.stdout.splitlines()
@@ -307,6 +310,7 @@ def test_the_summary_is_printed(sweep):
         assert line.split() == printed
 
 
+@pytest.mark.slow
 def test_runs_lists_the_jobs_of_a_sweep(sweep, omnilab_here):
     _, folder = sweep
     listed = omnilab_here("runs", str(folder.parents[1])).stdout
