@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import csv
 import math
-from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from omnilab.graph_files import read_graph
+from omnilab.logbook import load_run
 from omnilab.trajectory_files import read_trajectory
 
 pytestmark = pytest.mark.slow
@@ -34,15 +34,10 @@ def way(tmp_path):
     return tmp_path / "way.csv"
 
 
-def metrics(folder: Path) -> dict[str, float]:
-    with (folder / "metrics.csv").open() as file:
-        return {row["metric"]: float(row["value"]) for row in csv.DictReader(file)}
-
-
 def test_a_round_in_the_room_is_mapped_and_its_files_and_logs_hold_it(omnilab_here, folder, way):
     done = omnilab_here(*SMALL, "loop_closure.exclude=20", "loop_closure.parallax_steps=4", "study.same_place_m=0.3")
     assert done.rc == 0, done.stderr
-    found = metrics(folder)
+    found = load_run(folder).metrics
     assert found["ate"] < 0.05
     assert found["closures"] >= 1
     assert found["closure_precision"] == 1
@@ -82,10 +77,10 @@ def test_a_recorded_sequence_is_mapped_with_and_without_its_poses(omnilab_here, 
     recorded = ("experiment=recorded_trajectory", f"sensor.path={tmp_path}/set")
     done = omnilab_here(*recorded, "odometry=planar_epipolar", "loop_closure=verified", "loop_closure.exclude=20")
     assert done.rc == 0, done.stderr
-    assert metrics(folder)["ate"] < 0.05
+    assert load_run(folder).metrics["ate"] < 0.05
     wheels = omnilab_here(*recorded, "odometry=recorded", f"odometry.file={way}", "sensor.positions=null")
     assert wheels.rc == 0, wheels.stderr
-    assert "ate" not in metrics(folder)
+    assert "ate" not in load_run(folder).metrics
     assert len(read_trajectory(folder / "online.tum").T_world_camera) == 44
 
 

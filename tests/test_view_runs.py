@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from omnilab.api import Parts, PathPoses
 from omnilab.geometry import planar_poses
+from omnilab.logbook import load_run
 from omnilab.record import Recorder
 from omnilab.trajectory_files import read_trajectory
 from omnilab_appearance import PlanarEpipolar, Simulated
@@ -22,11 +21,6 @@ from omnilab_studies.sources import Source
 from omnilab_studies.view_mapper import Association
 
 pytestmark = pytest.mark.slow
-
-
-def metrics(folder: Path) -> dict[str, float]:
-    with (folder / "metrics.csv").open() as file:
-        return {row["metric"]: float(row["value"]) for row in csv.DictReader(file)}
 
 
 def test_views_are_mapped_from_images_by_both_filters(omnilab_here, tmp_path):
@@ -40,7 +34,7 @@ def test_views_are_mapped_from_images_by_both_filters(omnilab_here, tmp_path):
     )  # fmt: skip
     assert done.rc == 0, done.stderr
     folder = (tmp_path / "logs/latest").resolve()
-    found = metrics(folder)
+    found = load_run(folder).metrics
     assert max(found["view_ekf_rms"], found["view_graph_rms"]) < 0.1
     assert found["view_ekf_views"] >= 2
     assert found["view_ekf_observed"] > 5
@@ -57,7 +51,7 @@ def test_views_are_mapped_from_images_by_both_filters(omnilab_here, tmp_path):
     wheels = f"odometry.file={folder / 'odometry.tum'}"
     done = omnilab_here("experiment=recorded_views", "sensor.path=set", wheels)
     assert done.rc == 0, done.stderr
-    recorded = metrics(tmp_path / "logs/latest")
+    recorded = load_run(tmp_path / "logs/latest").metrics
     assert recorded["images"] == found["images"]
     assert recorded["odometry_rms"] == pytest.approx(found["odometry_rms"], abs=2e-3)
     assert max(recorded["view_ekf_rms"], recorded["view_graph_rms"]) < 0.1

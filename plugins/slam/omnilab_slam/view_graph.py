@@ -81,8 +81,8 @@ class GraphMap:
 
     def observe(self, views: Ints, angles_rad: Floats, covariances: Floats) -> tuple[Bools, list[str]]:
         """See `omnilab.api.ViewMap`."""
-        robot, nodes = self._at(self._step), [self._views[view] for view in views]
-        seen = see(robot, np.array([self._at(node) for node in nodes]).reshape(-1, 3))
+        nodes = [self._views[view] for view in views]
+        seen = see(self._at(self._step), self._all(nodes))
         believed, said = usable(views, seen, angles_rad, covariances, self._settings.nearest_m, self._step)
         if not believed.any():
             return believed, said
@@ -97,7 +97,7 @@ class GraphMap:
                 for k in np.flatnonzero(believed)
             ]
             self._update(factors, {})
-            if self._missed(np.array(nodes)[believed], angles_rad[believed], covariances[believed]):
+            if self._missed([nodes[k] for k in np.flatnonzero(believed)], angles_rad[believed], covariances[believed]):
                 said += self._solve()
         except FAILURES as error:
             self._kept.resize(before)
@@ -106,9 +106,9 @@ class GraphMap:
             said.append(f"step {self._step}: the observations could not be added ({brief(error)}); they are left out")
         return believed, said
 
-    def _missed(self, nodes: Ints, angles_rad: Floats, covariances: Floats) -> bool:
+    def _missed(self, nodes: list[int], angles_rad: Floats, covariances: Floats) -> bool:
         """Whether an update leaves its observations farther off than they may be: it was far from linear."""
-        seen = see(self._at(self._step), np.array([self._at(int(node)) for node in nodes]).reshape(-1, 3))
+        seen = see(self._at(self._step), self._all(nodes))
         v = wrap_angle(angles_rad - seen.angles_rad)
         return bool((mahalanobis(v, covariances) > self._settings.surprise).any())
 
@@ -134,7 +134,7 @@ class GraphMap:
 
     def views(self) -> Floats:
         """See `omnilab.api.ViewMap`."""
-        return np.array([self._at(node) for node in self._views]).reshape(-1, 3)
+        return self._all(self._views)
 
     def view_covariances(self) -> Floats:
         """See `omnilab.api.ViewMap`."""
@@ -150,6 +150,10 @@ class GraphMap:
 
     def _at(self, node: int) -> Floats:
         return vector_of(self._tree.calculateEstimatePose2(node))
+
+    def _all(self, nodes: list[int]) -> Floats:
+        """Poses (N, 3)."""
+        return np.array([self._at(node) for node in nodes]).reshape(-1, 3)
 
     def _covariance(self, node: int) -> Floats:
         """Of a pose, in the world's frame."""

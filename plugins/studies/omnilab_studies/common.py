@@ -15,6 +15,7 @@ from omnilab.api import (
     Floats,
     Frames,
     Image,
+    Ints,
     Learner,
     Learnt,
     Metric,
@@ -29,6 +30,11 @@ from omnilab.api import (
 )
 from omnilab.errors import DataError, PluginError
 from omnilab.projection import panorama, view_of
+
+
+def evenly(count: int, most: int) -> Ints:
+    """At most so many of the numbers from 0 to below count, the first and the last among them, evenly chosen."""
+    return np.linspace(0, count - 1, min(most, count)).astype(int)
 
 
 def deliver(parts: Parts, plan: Plan, record: Recorder, stage: str) -> Iterator[Frames]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from omnilab.api import Descriptor, Distance, Frames, Parts, Plan, Recorder, Signatures
 from omnilab.errors import ConfigError, DataError
-from omnilab_studies.common import describe, fitted
+from omnilab_studies.common import describe, evenly, fitted
 
 PROBES = 8  # signatures on which a distance is tried
 
@@ -104,7 +104,7 @@ def prepared(rival: Contestant, signatures: Signatures, turning: bool = False) -
 
 def _looks_for_turns(distance: Distance, signatures: Signatures, share: float = 1e-3) -> bool:
     """Whether signatures stay within a share of the median distance when their last axes are shifted by a quarter."""
-    some = signatures[np.unique(np.linspace(0, len(signatures) - 1, PROBES).astype(int))]
+    some = signatures[evenly(len(signatures), PROBES)]
     shifted = np.roll(some.place, max(1, some.place.shape[-1] // 4), axis=-1)
     moved = [not np.allclose(*pair) for pair in zip(shifted, some.place, strict=True)]
     found = distance.match(Signatures(shifted, some.heading), distance.prepare(some)).distance

@@ -225,22 +225,21 @@ def rising(altimeters: Sequence[str], described: bool) -> ViewLayout:
     return ViewLayout(columns, widths=(3, 3, 2))
 
 
+VIEWS_TITLE = "Truth (grey), odometry (amber), the map's way, views and bearings"
+VIEWS_SHOWN = ("truth", "odometry", "way", "robot", "views", "bearings")
+VIEWS_ERRORS = (
+    Panel("plot", "Error in x, ±2σ", ("error/x_m",)),
+    Panel("plot", "Error in y, ±2σ", ("error/y_m",)),
+    Panel("plot", "Error in heading, ±2σ", ("error/heading_deg",)),
+)
+
 VIEW_SLAM = ViewLayout(
     columns=(
         (
-            Panel(
-                "map",
-                "Truth (grey), odometry (amber), the map's way, views and bearings",
-                ("room", "truth", "odometry", "way", "robot", "views", "bearings"),
-            ),
+            Panel("map", VIEWS_TITLE, ("room", *VIEWS_SHOWN)),
             Panel("image", "Panorama above that of the view it shows best", ("query/panorama",)),
         ),
-        (
-            Panel("image", "Image", ("query/image",)),
-            Panel("plot", "Error in x, ±2σ", ("error/x_m",)),
-            Panel("plot", "Error in y, ±2σ", ("error/y_m",)),
-            Panel("plot", "Error in heading, ±2σ", ("error/heading_deg",)),
-        ),
+        (Panel("image", "Image", ("query/image",)), *VIEWS_ERRORS),
         (Panel("text", "Result", ("summary",)), Panel("log", "Log", ("log",))),
     ),
     widths=(4, 2, 2),
@@ -248,18 +247,8 @@ VIEW_SLAM = ViewLayout(
 
 VIEW_MAP = ViewLayout(
     columns=(
-        (
-            Panel(
-                "map",
-                "Truth (grey), odometry (amber), the map's way, views and bearings",
-                ("walls", "truth", "odometry", "way", "robot", "views", "bearings"),
-            ),
-        ),
-        (
-            Panel("plot", "Error in x, ±2σ", ("error/x_m",)),
-            Panel("plot", "Error in y, ±2σ", ("error/y_m",)),
-            Panel("plot", "Error in heading, ±2σ", ("error/heading_deg",)),
-        ),
+        (Panel("map", VIEWS_TITLE, ("walls", *VIEWS_SHOWN)),),
+        VIEWS_ERRORS,
         (Panel("text", "Result", ("summary",)), Panel("log", "Log", ("log",))),
     ),
     widths=(3, 2, 2),

@@ -24,7 +24,7 @@ from omnilab.api import (
 from omnilab.errors import ConfigError
 from omnilab.geometry import heading_of
 from omnilab.metrics import spacing
-from omnilab_studies.common import deliver, describe_places, fitted, markdown_table, show_frame
+from omnilab_studies.common import deliver, describe_places, evenly, fitted, markdown_table, show_frame
 from omnilab_studies.grids import check_extent, check_step_or_every, grid_poses
 from omnilab_studies.layouts import MAPPING
 from omnilab_studies.sources import Source
@@ -81,7 +81,7 @@ class MakeMap:
     def _show(self, parts: Parts, plan: Plan, places: Places, record: Recorder) -> None:
         """Pictures of some of the places, evenly chosen."""
         at = {key: i for i, key in enumerate(places.keys)}
-        chosen = np.unique(np.linspace(0, len(plan) - 1, min(self.show, len(plan))).astype(int))
+        chosen = evenly(len(plan), self.show)
         for frames in deliver(parts, plan.at(chosen), record, "pictures"):
             for i, step in enumerate(chosen[frames.plan_index]):
                 show_frame(record, frames, i, places.signatures.place[at[frames.keys[i]]], Tick(int(step), int(step)))

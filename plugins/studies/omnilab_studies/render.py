@@ -38,7 +38,7 @@ from omnilab.trajectory_files import read_trajectory
 from omnilab_studies import figures
 from omnilab_studies.cloud import cloud_of, write_ply
 from omnilab_studies.columns import column
-from omnilab_studies.common import markdown_table
+from omnilab_studies.common import evenly, markdown_table
 from omnilab_studies.dataset import DataSet, contents_of
 from omnilab_studies.grids import check_extent, grid_poses
 from omnilab_studies.layouts import IMAGES
@@ -242,7 +242,7 @@ def _metrics(data: DataSet, found: Found, plan: Plan) -> list[Metric]:
 
 def _examples(data: DataSet, numbers: Ints, plan: Plan) -> Iterator[Any]:
     """What the sheet of images shows."""
-    chosen = numbers[np.unique(np.linspace(0, len(numbers) - 1, figures.SHEET).astype(int))]
+    chosen = numbers[evenly(len(numbers), figures.SHEET)]
     yield [data.read(n) for n in chosen.tolist()]
     yield chosen
     yield None if plan.T_world_camera is None else plan.T_world_camera[numbers]

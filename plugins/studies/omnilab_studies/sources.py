@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from enum import Enum
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from omnilab.api import Layout, NamedPath, RandomPoses, RecordedPoses, Sensor
+from omnilab.api import Layout, NamedPath, PathPoses, Plan, RandomPoses, RecordedPoses, Sensor
 from omnilab.errors import ConfigError, did_you_mean
+from omnilab.trajectory_files import read_trajectory
 
 
 class Source(Enum):
@@ -36,6 +38,15 @@ def layout_without_grid(
         step = None if heading_step_deg is None else float(np.deg2rad(heading_step_deg))
         return RandomPoses(count, seed, step, extent_m, height_m)
     raise ConfigError(f"queries={source.value} would be the places themselves; give random, path or recorded")
+
+
+def plan_of_way(sensor: Sensor, source: Source, path: str, height_m: float | None) -> Plan:
+    """All that was recorded, in its order; or a path: of a file of poses, or one that the world knows by name."""
+    if source is Source.recorded:
+        return sensor.plan(RecordedPoses())
+    if Path(path).suffix:
+        return sensor.plan(PathPoses(read_trajectory(Path(path)).T_world_camera))
+    return sensor.plan(NamedPath(path, height_m))
 
 
 def changed(sensor: Sensor, where: str, settings: Mapping[str, Any]) -> Sensor:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,13 +12,11 @@ from omnilab.api import (
     Floats,
     Graph,
     Metric,
-    NamedPath,
     Optimized,
     Parts,
     PathPoses,
     PlaceMap,
     Plan,
-    RecordedPoses,
     Recorder,
     Report,
     Series,
@@ -29,13 +26,12 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, planar_poses
 from omnilab.graphs import matrices, vectors
 from omnilab.trajectories import Alignment, aligned, evaluate, path_length
-from omnilab.trajectory_files import read_trajectory
 from omnilab_studies import scales
 from omnilab_studies import trajectory_figures as figures
 from omnilab_studies.common import deliver_queries, markdown_table
 from omnilab_studies.layouts import TRAJECTORY
 from omnilab_studies.loops import Judged, judge
-from omnilab_studies.sources import Source
+from omnilab_studies.sources import Source, plan_of_way
 from omnilab_studies.trajectory_outcome import (
     closure_table,
     counts_of,
@@ -138,12 +134,7 @@ class Trajectory:
 
     def _plan(self, parts: Parts, rng: np.random.Generator) -> Plan:
         """The images of the way, in their order."""
-        if self.images is Source.recorded:
-            plan = parts.sensor.plan(RecordedPoses())
-        elif Path(self.path).suffix:
-            plan = parts.sensor.plan(PathPoses(read_trajectory(Path(self.path)).T_world_camera))
-        else:
-            plan = parts.sensor.plan(NamedPath(self.path, self.height_m))
+        plan = plan_of_way(parts.sensor, self.images, self.path, self.height_m)
         if self.jitter:
             if plan.T_world_camera is None or self.images is Source.recorded:
                 raise ConfigError(f"study.jitter={self.jitter} would move recorded images; give 0")

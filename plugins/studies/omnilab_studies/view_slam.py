@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -16,11 +15,9 @@ from omnilab.api import (
     Image,
     Metric,
     Motion,
-    NamedPath,
     Parts,
     PathPoses,
     Plan,
-    RecordedPoses,
     Recorder,
     Report,
     Text,
@@ -32,15 +29,15 @@ from omnilab.geometry import heading_of, planar_poses
 from omnilab.graphs import matrices, moved, vectors
 from omnilab.projection import panorama
 from omnilab.trajectories import path_length, rms, tum_text
-from omnilab.trajectory_files import read_trajectory
 from omnilab_studies import view_figures as figures
-from omnilab_studies.common import deliver_queries, markdown_table
+from omnilab_studies.common import deliver_queries, evenly, markdown_table
 from omnilab_studies.consistency import errors, nees, nees_bounds
 from omnilab_studies.displacements import pair
 from omnilab_studies.layouts import VIEW_SLAM
-from omnilab_studies.sources import Source
-from omnilab_studies.view_mapper import Association, Looked, ViewMapper
-from omnilab_studies.view_rivals import Teller, rivals_of
+from omnilab_studies.sources import Source, plan_of_way
+from omnilab_studies.view_mapper import Association, Looked, ViewMapper, agreeing
+from omnilab_studies.view_rivals import Teller, columns, rivals_of
+from omnilab_studies.view_runs import position_rms
 from omnilab_studies.view_show import ODOMETRY, TRUTH, line, show_errors, show_step
 
 VIEWS = "views"  # the odometry that tells the relative pose of two images
@@ -86,14 +83,7 @@ class ViewSlam:
         if scene := parts.sensor.scene():
             record.log("room", scene)
         seed, mapping = int(rng.integers(2**32)), np.random.default_rng(rng.integers(2**32))
-        way = _Way(
-            parts,
-            rivals,
-            self.views,
-            record,
-            mapping,
-            set(np.linspace(0, len(plan) - 1, self.show).astype(int).tolist()),
-        )
+        way = _Way(parts, rivals, self.views, record, mapping, set(evenly(len(plan), self.show).tolist()))
         for frames in deliver_queries(parts, plan, record, seed):
             for i in range(len(frames)):
                 way.take(frames.at(i))
@@ -103,17 +93,9 @@ class ViewSlam:
 
     def _plan(self, parts: Parts) -> Plan:
         """The images of the way, in their order."""
-        if self.images is Source.recorded:
-            plan = parts.sensor.plan(RecordedPoses())
-        else:
-            layout = (
-                PathPoses(read_trajectory(Path(self.path)).T_world_camera)
-                if Path(self.path).suffix
-                else NamedPath(self.path, self.height_m)
-            )
-            plan = parts.sensor.plan(layout)
-            if plan.T_world_camera is not None and len(plan) > 1:
-                plan = parts.sensor.plan(PathPoses(spaced(plan.T_world_camera, self.every_m, self.every_rad)))
+        plan = plan_of_way(parts.sensor, self.images, self.path, self.height_m)
+        if self.images is Source.path and plan.T_world_camera is not None and len(plan) > 1:
+            plan = parts.sensor.plan(PathPoses(spaced(plan.T_world_camera, self.every_m, self.every_rad)))
         if plan.T_world_camera is None:
             raise DataError(
                 "the images have no poses, and view_slam measures its maps with them; give the sensor poses"
@@ -148,7 +130,7 @@ class _Way:
         self._wheels: Any = None  # what odometry kept of the last image
         self._looks: list[Any] = []
         self._related: dict[tuple[int, int], Motion] = {}  # of the present image, whichever filter asks
-        self._panoramas: dict[int, Bytes] = {}
+        self._panoramas: dict[int, Bytes] = {}  # of the views of the first filter, which is shown
         self._teller = Teller(record)
         self.mappers: dict[str, ViewMapper] = {}
         self.seen: dict[str, list[Looked]] = {name: [] for name in rivals}
@@ -186,8 +168,8 @@ class _Way:
                 found = mapper.take(image, look, *told)
             self.seen[name].append(found)
             self._teller.tell(f"image {image}, {name}", found.said)
-            if found.new is not None and image not in self._panoramas:
-                self._panoramas[image] = panorama(frame.images, frame.camera)[0]
+        if next(iter(self.seen.values()))[-1].new is not None:
+            self._panoramas[image] = panorama(frame.images, frame.camera)[0]
         self._forget()
         if image in self._shown:
             self._show(frame, image)
@@ -232,16 +214,12 @@ class _Way:
         self._record.log("truth", line(np.array(self.truth), TRUTH), tick)
         self._record.log("odometry", line(np.array(self.odometry), ODOMETRY), tick)
         now = panorama(frame.images, frame.camera)[0]
-        best = max(found.compared, key=lambda view: _agree(found.compared[view]), default=None)
+        best = max(found.compared, key=lambda view: agreeing(found.compared[view]), default=None)
         if best is None:
             self._record.log("query/panorama", Image(pair(now, None, None)), tick)
         else:
             kept = self._panoramas[mapper.images[best]]
             self._record.log("query/panorama", Image(pair(now, kept, found.compared[best])), tick)
-
-
-def _agree(told: Motion) -> int:
-    return 0 if told.agree is None else int(told.agree.sum())
 
 
 # -------------------------------------------------------------------------------------------------------------- results
@@ -260,7 +238,7 @@ def _report(way: _Way, record: Recorder) -> Report:
     length = float(path_length(matrices(truth))[-1])
     metrics = [
         *(Metric(f"{row['filter']}_{key}", row[key], unit) for key, unit in UNITS.items() for row in rows),
-        Metric("odometry_rms", _off(odometry, truth), "m"),
+        Metric("odometry_rms", position_rms(odometry, truth), "m"),
         Metric("images", len(truth), "1"),
         Metric("path_length", length, "m"),
         Metric("lost_steps", way.lost, "1"),
@@ -274,8 +252,9 @@ def _report(way: _Way, record: Recorder) -> Report:
     for name, seen in way.seen.items():
         table[f"{name}_observed"] = [len(found.views) for found in seen]
         table[f"{name}_believed"] = [int(found.believed) for found in seen]
-    columns = {key: [row[key] for row in rows] for key in rows[0]}
-    return Report(metrics, {"filters": columns, "steps": table}, figures.mapped(truth, odometry, shown), files=files)
+    return Report(
+        metrics, {"filters": columns(rows), "steps": table}, figures.mapped(truth, odometry, shown), files=files
+    )
 
 
 UNITS = {
@@ -294,9 +273,9 @@ def _row(
     observed = sum(len(found.views) for found in seen)
     return {
         "filter": name,
-        "rms": _off(at, truth),
+        "rms": position_rms(at, truth),
         "end": float(np.hypot(*off[-1, :2])),
-        "final_rms": _off(final, truth),
+        "final_rms": position_rms(final, truth),
         "heading_rms": float(np.rad2deg(rms(off[:, 2]))),
         "nees": float(each.mean()),
         "nees_median": float(np.median(each)),
@@ -305,8 +284,3 @@ def _row(
         "observed": observed,
         "gated": 1 - sum(found.believed for found in seen) / max(1, observed),
     }
-
-
-def _off(poses: Floats, truth: Floats) -> float:
-    """Root mean square of the distances between positions of poses (T, 3); nothing is aligned."""
-    return rms(np.linalg.norm(poses[:, :2] - truth[:, :2], axis=1))

@@ -24,6 +24,7 @@ from omnilab.api import (
 )
 from omnilab.errors import ConfigError
 from omnilab.graphs import matrices, vectors
+from omnilab_studies.common import evenly
 from omnilab_studies.displacements import drawn
 from omnilab_studies.mapper import Mapper, Step
 
@@ -52,9 +53,7 @@ class Way:
         self.taken: list[int] = []  # which of the plan's frames came
         self._record, self._flashed = record, False
         self._true = self._own = np.float64(0.0)  # lengths of the way so far: truly, and as it was mapped
-        self._shown, self._stages = (
-            set(np.linspace(0, len(plan) - 1, min(most, len(plan))).astype(int).tolist()) for most in (show, MAPS)
-        )
+        self._shown, self._stages = (set(evenly(len(plan), most).tolist()) for most in (show, MAPS))
 
     @property
     def truth(self) -> Floats | None:
