@@ -14,11 +14,23 @@ from omnilab_studies import view_figures as figures
 from omnilab_studies.charts import markdown
 from omnilab_studies.layouts import VIEW_MAP
 from omnilab_studies.view_drives import Drives
-from omnilab_studies.view_rivals import Teller, check_seeds, columns, counts, ran, rivals_of, row_of, seeds_of, selected
+from omnilab_studies.view_rivals import (
+    Ran,
+    Teller,
+    check_seeds,
+    columns,
+    counts,
+    drives_of,
+    ran,
+    rivals_of,
+    row_of,
+    seeds_of,
+    selected,
+)
 from omnilab_studies.view_scenarios import scenario
 from omnilab_studies.view_show import show_drive
 
-SHOWN = ("views", "filter", "seeds", "rms_m", "final_rms_m", "odometry_rms_m", "nees", "gated")
+SHOWN = ("views", "filter", "seeds", "rms_m", "worse_m", "final_rms_m", "odometry_rms_m", "nees", "gated")
 
 
 @dataclass
@@ -54,7 +66,9 @@ class ViewCount:
         common = min(seeds_of(name, self.seeds, self.fewer_seeds) for name in rivals)
         record.log("", VIEW_MAP)
         rows: list[dict[str, Any]] = []
+        each: list[dict[str, Any]] = []  # drive
         times: list[dict[str, Any]] = []
+        shown, first = next(iter(rivals)), list[Ran]()
         cases = [(count, name) for count in self.counts for name in rivals]
         for count, name in record.track(cases, "drive", len(cases), lambda _: 1):
             runs = []
@@ -65,10 +79,12 @@ class ViewCount:
                     one, trace = ran(rivals[name], drive, self.range_m)
                     runs.append(one)
                     teller.tell(f"{name}, {count} views", trace.said)
-            rows.append({"scenario": ground.name, "views": count, "filter": name, **row_of(runs, common)})
+            first = runs if name == shown else first
+            case = {"scenario": ground.name, "views": count, "filter": name}
+            rows.append({**case, **row_of(runs, first, common, rng)})
+            each += [{**case, **drive} for drive in drives_of(runs)]
             step_ms = float(np.median([one.step_ms for one in runs]))
             times.append({"views": count, "filter": name, "step_ms": step_ms})
-        shown = next(iter(rivals))
         traces = show_drive(record, rivals[shown], drives[0], ground, self.range_m)
         record.log("summary", Text(self._summary(rows), markdown=True))
         pictures = {
@@ -76,7 +92,11 @@ class ViewCount:
             "nees": figures.consistency(rows, "views", "views N", list(rivals)),
             "drive": figures.drive(drives[0], ground, traces, shown, self.range_m),
         }
-        tables = {"counts": columns(rows), "times": columns(with_exponents(times, list(rivals)))}
+        tables = {
+            "counts": columns(rows),
+            "drives": columns(each),
+            "times": columns(with_exponents(times, list(rivals))),
+        }
         return Report([*_metrics(rows, list(rivals)), *counts(rows)], tables, pictures)
 
     def _summary(self, rows: Sequence[Mapping[str, Any]]) -> str:

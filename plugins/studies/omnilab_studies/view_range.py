@@ -14,11 +14,23 @@ from omnilab_studies import view_figures as figures
 from omnilab_studies.charts import markdown
 from omnilab_studies.layouts import VIEW_MAP
 from omnilab_studies.view_drives import Drives
-from omnilab_studies.view_rivals import Teller, check_seeds, columns, counts, ran, rivals_of, row_of, seeds_of, selected
+from omnilab_studies.view_rivals import (
+    Ran,
+    Teller,
+    check_seeds,
+    columns,
+    counts,
+    drives_of,
+    ran,
+    rivals_of,
+    row_of,
+    seeds_of,
+    selected,
+)
 from omnilab_studies.view_scenarios import scenario
 from omnilab_studies.view_show import show_drive
 
-SHOWN = ("scenario", "range_m", "filter", "seeds", "rms_m", "final_rms_m", "odometry_rms_m", "nees", "gated")
+SHOWN = ("scenario", "range_m", "filter", "seeds", "rms_m", "worse_m", "final_rms_m", "odometry_rms_m", "nees", "gated")
 
 
 @dataclass
@@ -61,6 +73,8 @@ class ViewRange:
         common = min(seeds_of(name, self.seeds, self.fewer_seeds) for name in rivals)
         record.log("", VIEW_MAP)
         rows: list[dict[str, Any]] = []
+        each: list[dict[str, Any]] = []  # drive
+        shown, first = next(iter(rivals)), list[Ran]()
         for ground in grounds:
             drives = [
                 self.drives.drive(ground, self.views, np.random.default_rng([base, k])) for k in range(self.seeds)
@@ -73,8 +87,10 @@ class ViewRange:
                         one, trace = ran(rivals[name], drive, range_m)
                         runs.append(one)
                         teller.tell(f"{name}, {ground.name}, {range_m:g} m", trace.said)
-                rows.append({"scenario": ground.name, "range_m": range_m, "filter": name, **row_of(runs, common)})
-        shown = next(iter(rivals))
+                first = runs if name == shown else first
+                case = {"scenario": ground.name, "range_m": range_m, "filter": name}
+                rows.append({**case, **row_of(runs, first, common, rng)})
+                each += [{**case, **drive} for drive in drives_of(runs)]
         traces = show_drive(record, rivals[shown], drives[0], ground, self.shown_range_m)
         record.log("summary", Text(self._summary(rows), markdown=True))
         pictures = {
@@ -82,7 +98,8 @@ class ViewRange:
             "nees": figures.consistency(rows, "range_m", "range of observation [m]", list(rivals)),
             "drive": figures.drive(drives[0], ground, traces, shown, self.shown_range_m),
         }
-        return Report([*self._metrics(rows, list(rivals)), *counts(rows)], {"ranges": columns(rows)}, pictures)
+        tables = {"ranges": columns(rows), "drives": columns(each)}
+        return Report([*self._metrics(rows, list(rivals)), *counts(rows)], tables, pictures)
 
     def _metrics(self, rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> list[Metric]:
         """Where each filter converges, and how it does at the longest range."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from omnilab.api import Floats, Metric, Parts, Recorder, Text, ViewFilter
 from omnilab.errors import ConfigError
+from omnilab.metrics import bootstrap
 from omnilab_studies.consistency import nees_bounds
 from omnilab_studies.view_drives import Drive
 from omnilab_studies.view_runs import Trace, follow, position_rms, trace_nees
@@ -83,17 +84,26 @@ def ran(view_filter: ViewFilter, drive: Drive, range_m: float) -> tuple[Ran, Tra
     ), trace  # fmt: skip
 
 
-def row_of(runs: Sequence[Ran], common: int) -> dict[str, Any]:
-    """What a filter did on several drives, in one row; `common`: the first ones, on which all filters went."""
+def row_of(runs: Sequence[Ran], first: Sequence[Ran], common: int, rng: np.random.Generator) -> dict[str, Any]:
+    """What a filter did on several drives, in one row.
+
+    `first`: what the first filter did, of which it is told by how much this one is worse on the same drives, on average
+    and with the 95 % interval of that by bootstrap. `common`: the first drives, on which all filters went.
+    """
     rms, observed = np.array([one.rms_m for one in runs]), sum(one.observed for one in runs)
     wrong = sum(one.wrong for one in runs)
     over_runs = np.mean(_aligned([one.nees for one in runs]), axis=0)
     low, high = nees_bounds(len(runs))
+    worse = np.array([one.rms_m - other.rms_m for one, other in zip(runs, first, strict=False)])
+    worse_low, worse_high = bootstrap(lambda chosen: float(worse[chosen].mean()), len(worse), rng)
     return {
         "seeds": len(runs),
         "rms_m": float(rms.mean()),
         "rms_sigma_m": float(rms.std(ddof=1)),
         "rms_common_m": float(rms[:common].mean()),
+        "worse_m": float(worse.mean()),
+        "worse_low_m": worse_low,
+        "worse_high_m": worse_high,
         "final_rms_m": float(np.mean([one.final_rms_m for one in runs])),
         "odometry_rms_m": float(np.mean([one.odometry_rms_m for one in runs])),
         "odometry_sigma_m": float(np.std([one.odometry_rms_m for one in runs], ddof=1)),
@@ -108,6 +118,17 @@ def row_of(runs: Sequence[Ran], common: int) -> dict[str, Any]:
         "wrong_gated": sum(one.wrong_gated for one in runs) / wrong if wrong else float("nan"),
         "said": sum(one.said for one in runs),
     }
+
+
+def drives_of(runs: Sequence[Ran]) -> list[dict[str, Any]]:
+    """What a filter did, drive by drive."""
+    return [
+        {
+            "drive": number, "rms_m": one.rms_m, "final_rms_m": one.final_rms_m, "odometry_rms_m": one.odometry_rms_m,
+            "nees": float(one.nees.mean()), "observed": one.observed, "gated": one.gated,
+        }
+        for number, one in enumerate(runs)
+    ]  # fmt: skip
 
 
 def _aligned(series: Sequence[Floats]) -> Floats:

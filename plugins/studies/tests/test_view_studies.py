@@ -18,6 +18,7 @@ from omnilab_studies import ViewCount, ViewRange
 from omnilab_studies.consistency import chi2_quantile, ellipses, errors, nees, nees_bounds
 from omnilab_studies.view_count import with_exponents
 from omnilab_studies.view_drives import Drives, line_of_sight
+from omnilab_studies.view_rivals import Ran, drives_of, row_of
 from omnilab_studies.view_runs import follow, position_rms, trace_nees
 from omnilab_studies.view_scenarios import lap, scenario, shipped
 
@@ -267,11 +268,29 @@ def test_view_range_keeps_the_contract_and_measures_odometry(small):
     assert found["one_small_rms_common"] == pytest.approx(found["two_small_rms"])
     assert "one_small_converged_from" not in found  # it never does
     assert report.tables["ranges"]["seeds"] == [3, 2, 3, 2]
+    assert report.tables["ranges"]["worse_m"] == [0, 0, 0, 0]
+    assert report.tables["drives"]["drive"] == [0, 1, 2, 0, 1] * 2
+    assert found["one_small_rms"] == pytest.approx(np.mean(report.tables["drives"]["rms_m"][5:8]))
     assert found["said"] == 2 * 3 + 2 * 2
     assert set(report.figures) == {"ranges", "nees", "drive"}
     paths = {path for path, _, _ in log.records}
     assert {"truth", "odometry", "walls", "way", "views", "bearings", "robot", "summary"} <= paths
     assert any(isinstance(r, Text) and "one, small, 2 m: off we go" in r.text for _, r, _ in log.records)
+
+
+def test_filters_are_compared_on_the_same_drives():
+    """Drives differ far more than filters do: pairs tell what means of different drives would hide."""
+    rng = np.random.default_rng(0)
+    first = [1.0, 5.0, 2.0, 9.0, 4.0, 7.0]
+    better = [rms - 0.2 + 0.01 * rng.standard_normal() for rms in first[:5]]
+    row = row_of([ran_with(rms) for rms in better], [ran_with(rms) for rms in first], 5, rng)
+    assert row["worse_m"] == pytest.approx(-0.2, abs=0.02)
+    assert row["worse_low_m"] < row["worse_m"] < row["worse_high_m"] < -0.15
+    assert drives_of([ran_with(rms) for rms in better])[3]["rms_m"] == better[3]
+
+
+def ran_with(rms_m):
+    return Ran(rms_m, rms_m, 9.0, np.full(10, 3.0), 10, 0, 0, 0, 0, 1.0)
 
 
 def test_a_filter_has_converged_where_it_stays_good():
