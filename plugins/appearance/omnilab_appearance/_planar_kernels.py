@@ -183,6 +183,17 @@ def parallaxes(p, q, g, beta):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
+def beside(p, q, g, beta, off):  # type: ignore[no-untyped-def]
+    """Which matches (M,) lie on one side of the direction in their plane, as one point must; both may be `off` by so much."""
+    cg, sg, cb, sb = math.cos(g), math.sin(g), math.cos(beta), math.sin(beta)
+    out = np.empty(len(p), np.bool_)
+    for i in range(len(p)):
+        level = (p[i, 0] * sb - p[i, 1] * cb) * (q[i, 0] * sg - q[i, 1] * cg)
+        out[i] = p[i, 2] * q[i, 2] + level > -off * off
+    return out
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def fitting(p, q, g, beta, limit):  # type: ignore[no-untyped-def]
     """Which matches (M,) have squared errors below `limit`."""
     cg, sg, cb, sb = math.cos(g), math.sin(g), math.cos(beta), math.sin(beta)
@@ -209,7 +220,7 @@ def planar_motion(p, q, samples, tolerance, finest):  # type: ignore[no-untyped-
 
     After RANSAC the noise is that of the matches within `tolerance`, and those within three of it are fitted. A wrong
     match that happens to lie on its epipolar line mostly does so far along it, where it would weigh the most; so matches
-    that fell forward, or back by more than four times the median, do not count.
+    that fell forward, or back by more than four times the median, or to the other side, do not count.
     """
     limit = tolerance * tolerance
     g, beta, least = ransac(p, q, samples, limit, 1e-4)
@@ -231,7 +242,9 @@ def planar_motion(p, q, samples, tolerance, finest):  # type: ignore[no-untyped-
         parallax = np.minimum(np.maximum(back / apart, -10), 10).sum() / math.sqrt(len(back))
         if parallax < 0:
             g, beta, back = g + math.pi, beta + math.pi, -back
-        plausible = (back > -3 * apart) & (back < 4 * np.median(back) + 3 * apart)
+        plausible = (
+            beside(kept_p, kept_q, g, beta, 3 * noise) & (back > -3 * apart) & (back < 4 * np.median(back) + 3 * apart)
+        )
         kept_p, kept_q = kept_p[plausible], kept_q[plausible]
         g, beta = refined(kept_p, kept_q, g, beta, near, 10)
     h00, h01, h11, _b0, _b1, ee, count = normal_equations(kept_p, kept_q, g, beta, near)

@@ -30,7 +30,7 @@ class RelativePose(NamedTuple):
     phi: float  # radians in [-pi, pi), NaN if it failed altogether
     beta: float  # radians in [-pi, pi), NaN where no parallax shows it
     covariance: Floats  # (2, 2) of phi and beta; that of beta is infinite where it is not told
-    agree: Bools  # (M,) which matches fit
+    agree: Bools  # (M,) which matches fit: in one plane with the step, on one side of it
     noise_rad: float  # standard deviation of a direction across its epipolar line
     failed: str = ""  # why phi or beta is missing, in a few words
 
@@ -66,7 +66,7 @@ def pose_of(
     reprojection). Fewer than `least_matches` that fit are a failure. The covariance is
     that of independent errors, times `alike`.
     """
-    from omnilab_appearance._planar_kernels import planar_motion
+    from omnilab_appearance._planar_kernels import beside, planar_motion
 
     size = 2 if solver is Solver.two_point else 4
     if len(p) < max(least_matches, size):
@@ -79,7 +79,7 @@ def pose_of(
     )
     if count < least_matches:
         return _failed(len(p), f"{int(count)} of {len(p)} matches agree")
-    agree = errors(p, q, phi, beta) < tolerance
+    agree = (errors(p, q, phi, beta) < tolerance) & beside(p, q, beta - phi, beta, tolerance)
     if parallax < PARALLAX_SIGMA or vb > WIDEST_RAD**2:
         covariance = np.diag([alike * variance, np.inf])
         return RelativePose(float(turned), np.nan, covariance, agree, noise, "no parallax: only the rotation is told")

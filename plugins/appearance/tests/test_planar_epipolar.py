@@ -41,13 +41,18 @@ def turned(points, phi):
     return points @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
 
 
-def matches(rng, count, phi, beta, length=0.3, noise=0.0, wrong=0):
-    """Directions of points all around, 1 to 4 units off; of the last `wrong` the second are of other points."""
-    points = rng.standard_normal((count, 3))
-    points *= rng.uniform(1, 4, (count, 1)) / np.linalg.norm(points, axis=1, keepdims=True)
+def matches(rng, count, phi, beta, length=0.3, noise=0.0, wrong=0, half_angle_deg=180.0):
+    """Directions of points within a cone about x, 1 to 4 units off; of the last `wrong` the second are of other points."""
+    points = cone(rng, count, half_angle_deg) * rng.uniform(1, 4, (count, 1))
     seen = turned(points - length * np.array([np.cos(beta), np.sin(beta), 0]), -phi)
-    seen[count - wrong :] = rng.standard_normal((wrong, 3))
+    seen[count - wrong :] = cone(rng, wrong, half_angle_deg)
     return [noisy(d, noise, rng) for d in (points, seen)]
+
+
+def cone(rng, count, half_angle_deg):
+    """Directions (count, 3) evenly spread."""
+    x, around = rng.uniform(np.cos(np.deg2rad(half_angle_deg)), 1, count), rng.uniform(-np.pi, np.pi, count)
+    return np.column_stack([x, *(np.sqrt(1 - x**2) * [np.cos(around), np.sin(around)])])
 
 
 def noisy(points, noise, rng):
@@ -105,6 +110,34 @@ def test_errors_are_as_the_covariance_says(count, noise):
     assert np.mean(squares) == pytest.approx(2, rel=0.25)
     if count > 100:  # with few matches the noise itself is known too badly for the square to be chi-square
         assert kstest(squares, "chi2", args=(2,)).pvalue > 1e-3
+
+
+@pytest.mark.parametrize("wrong", [60, 120])
+@pytest.mark.parametrize("half_angle_deg", [45, 180])
+def test_errors_are_as_the_covariance_says_among_wrong_matches(half_angle_deg, wrong):
+    """In a cone a wrong match is more often near its epipolar line by chance; one alone could outweigh all good ones."""
+    rng = np.random.default_rng(3)
+    squares = []
+    for _ in range(300):
+        phi, beta = rng.uniform(-3, 3, 2)
+        told = pose_of(*matches(rng, 300, phi, beta, noise=1e-3, wrong=wrong, half_angle_deg=half_angle_deg), rng)
+        error = wrap_angle(np.array([told.phi - phi, told.beta - beta]))
+        squares.append(error @ np.linalg.solve(told.covariance, error))
+    assert np.mean(squares) == pytest.approx(2, rel=0.25)
+    assert kstest(squares, "chi2", args=(2,)).pvalue > 1e-3
+
+
+def test_a_match_on_the_other_side_of_the_direction_does_not_agree():
+    """It lies in the plane of its match and the direction, but no point is seen above and below."""
+    p, q = matches(np.random.default_rng(0), 100, 0.2, 0.5)
+    c, s = np.cos(0.5 - 0.2), np.sin(0.5 - 0.2)
+    mirrored = q * [1, 1, -1] - 2 * np.outer(q @ [s, -c, 0], [s, -c, 0])  # half a turn about the direction
+    q[60:] = mirrored[60:]
+    told = pose_of(p, q, np.random.default_rng(0))
+    assert errors(p, q, 0.2, 0.5).max() < 1e-9
+    assert told.agree.tolist() == [True] * 60 + [False] * 40
+    assert abs(told.phi - 0.2) < 1e-6
+    assert abs(told.beta - 0.5) < 1e-5
 
 
 @given(HORIZONTAL, st.sampled_from([0.0, 1e-3]))
