@@ -764,6 +764,9 @@ class ViewMap(Protocol):
     def add_view(self) -> int:
         """The robot takes a view where it is: the number of that."""
 
+    def know_view(self, pose: Floats, covariance: Floats) -> int:
+        """A view that was taken before, at a pose (3,) known with covariance (3, 3), by itself: the number of that."""
+
     def pose(self) -> tuple[Floats, Floats]:
         """The robot's pose (3,) and its covariance (3, 3), of x, y and heading in the world's frame."""
 
@@ -833,6 +836,7 @@ class Parts:
     backend: Backend = None  # type: ignore[assignment]
     view_filter: ViewFilter = None  # type: ignore[assignment]
     map: Places = None  # type: ignore[assignment]  # a saved one
+    sensors: Mapping[str, Sensor] = field(default_factory=dict)  # that the study uses beside the run's own
     disturbances: Mapping[str, Disturbance] = field(default_factory=dict)  # of the queries, in the order they apply
     descriptors: Mapping[str, Descriptor] = field(default_factory=dict)  # that the study compares, by name
     distances: Mapping[str, Distance] = field(default_factory=dict)  # that it compares them with

@@ -50,6 +50,7 @@ DICTS = {  # settings of a run that hold any number of a kind, by name
     "disturbances": "disturbance",
     "localizers": "localizer",
     "odometries": "odometry",
+    "sensors": "sensor",
     "sinks": "sink",
     "view_filters": "view_filter",
 }

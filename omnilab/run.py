@@ -54,6 +54,7 @@ class Run:
     odometries: dict[str, Any] = field(default_factory=dict)  # that join the run's own
     backends: dict[str, Any] = field(default_factory=dict)  # that a study compares
     view_filters: dict[str, Any] = field(default_factory=dict)  # that a study compares
+    sensors: dict[str, Any] = field(default_factory=dict)  # that a study uses beside the run's own
     disturbances: dict[str, Any] = field(default_factory=dict)  # of the queries, in the order they apply
     sinks: dict[str, Any] = field(default_factory=dict)
     map: str | None = None  # a map that another run saved, or that run's folder; it brings its descriptor and distance

@@ -275,12 +275,13 @@ def check_loop_closure(closure: Any, frames: api.Frames) -> None:
 def check_view_filter(view_filter: Any) -> None:
     """A circle without noise, with views seen truly, is kept exactly; a wrong observation is not believed; pickles.
 
-    Covariances stay symmetric and positive; views are numbered as they come.
+    Covariances stay symmetric and positive; views are numbered as they come. A view from before tells where the robot is.
     """
     _common("view_filter", view_filter)
     angle = np.linspace(0, 2 * np.pi, 25)
     truth = np.column_stack([2 * np.cos(angle), 2 * np.sin(angle), wrap_angle(angle + np.pi / 2)])
     small = np.diag([1e-4, 1e-4, 1e-4])
+    _check_known_view(view_filter)
     found = view_filter.begin(truth[0], 1e-6 * np.eye(3))
     kept: list[Floats] = []
     for i in range(1, len(truth)):
@@ -309,6 +310,22 @@ def check_view_filter(view_filter: Any) -> None:
     way = found.finish()
     _expect(way.shape == truth.shape, f"the way has shape {way.shape}, not (T, 3)")
     _expect(bool(np.allclose(way[:, :2], truth[:, :2], atol=1e-3)), "the way is not the true one")
+
+
+def _check_known_view(view_filter: Any) -> None:
+    """Views from before are where they were said to be, and put right a robot that is unsure of itself."""
+    known, small = np.array([[3.0, 2, 0.5], [3, -2, -0.5]]), np.diag([1e-6, 1e-6, 1e-6])
+    found = view_filter.begin(np.array([0.1, -0.1, 0.02]), np.diag([0.1, 0.1, 0.02]))
+    numbers = [found.know_view(pose, small) for pose in known]
+    _expect(numbers == [0, 1], "views from before are not numbered as they come")
+    _expect(bool(np.allclose(found.views(), known)), "views from before are not where they were said to be")
+    for one in found.view_covariances():
+        _expect(bool(np.allclose(one, small)), "views from before are not as sure as they were said to be")
+    seen = np.array([_angles(np.zeros(3), pose) for pose in known])
+    for _ in range(3):
+        found.observe(np.arange(2), seen, np.tile(1e-6 * np.eye(2), (2, 1, 1)))
+    _expect(bool(np.allclose(found.pose()[0], 0, atol=0.01)), "views from before do not tell where the robot is")
+    _expect(len(found.finish()) == 1, "views from before are taken for poses of the way")
 
 
 def _angles(robot: Floats, view: Floats) -> Floats:

@@ -19,8 +19,11 @@ RECIPES = sorted(path.stem for path in (Path(__file__).parents[1] / "conf/experi
 def test_a_recipe_is_whole(name, tmp_path):
     registry = discover("")
     overrides = [f"experiment={name}", *([f"sensor.path={tmp_path}"] if name.startswith("recorded") else [])]
-    overrides += [f"study.folder={tmp_path}"] if name == "render" else []
-    overrides += ["odometry.file=wheels.tum"] if name == "recorded_views" else []
+    unset = {  # what a user has to give
+        "render": f"study.folder={tmp_path}", "recorded_views": "odometry.file=wheels.tum",
+        "known_views": f"sensors.known.path={tmp_path}",
+    }  # fmt: skip
+    overrides += [unset[name]] if name in unset else []
     if name == "localize":
         poses = planar_poses(np.eye(3))
         used = {"descriptor": {"name": "radon"}, "distance": {"name": "poc"}}

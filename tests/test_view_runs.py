@@ -24,14 +24,12 @@ pytestmark = pytest.mark.slow
 
 
 def test_views_are_mapped_from_images_by_both_filters(omnilab_here, tmp_path):
-    """Of a world; then of the same images as a recorded sequence, with the wheels of the first run in a file."""
+    """Of a world; with the views of that run; then of the same images as a recording, with the wheels from a file."""
     angle = [2 * math.pi * i / 24 for i in range(27)]
     rows = [f"{-1.6 + 0.4 * math.cos(a)},{-0.6 + 0.4 * math.sin(a)},1,{math.degrees(a) + 90}" for a in angle]
     (tmp_path / "way.csv").write_text("\n".join(["x_m,y_m,z_m,yaw_deg", *rows]) + "\n")
-    done = omnilab_here(
-        "experiment=view_slam", "sensor.world=room", "sensor.samples=1", "study.path=way.csv", "study.every_m=0.1",
-        "study.every_rad=0.3",
-    )  # fmt: skip
+    there = ("sensor.world=room", "sensor.samples=1", "study.path=way.csv", "study.every_m=0.1", "study.every_rad=0.3")
+    done = omnilab_here("experiment=view_slam", *there, "study.keep=views")
     assert done.rc == 0, done.stderr
     folder = (tmp_path / "logs/latest").resolve()
     found = load_run(folder).metrics
@@ -41,6 +39,17 @@ def test_views_are_mapped_from_images_by_both_filters(omnilab_here, tmp_path):
     assert len(read_trajectory(folder / "view_graph_final.tum").T_world_camera) == found["images"]
     assert {"view_ekf.png", "view_graph.png", "run.rrd", "run.mcap"} <= {path.name for path in folder.iterdir()}
     assert "the metrics are the same" in omnilab_here("repeat", str(folder)).stderr
+
+    again = ("experiment=known_views", *there, "sensors.known.path=views")
+    done = omnilab_here(*again)
+    assert done.rc == 0, done.stderr
+    known = load_run(tmp_path / "logs/latest").metrics
+    assert known["known_views"] == found["view_ekf_views"]
+    assert max(known["view_ekf_views"], known["view_graph_views"]) <= 1
+    assert max(known["view_ekf_rms"], known["view_graph_rms"]) < 0.1
+    other = omnilab_here(*again, "sensor.size=300")
+    assert other.rc == 2
+    assert "the views of sensors.known were taken by another camera" in other.stderr
 
     taken = [line.split() for line in (folder / "truth.tum").read_text().splitlines() if line[0] != "#"]
     raised = [" ".join([stamp, x, y, "1", *turn]) for stamp, x, y, _, *turn in taken]

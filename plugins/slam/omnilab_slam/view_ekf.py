@@ -9,7 +9,7 @@ import numpy as np
 from omnilab.api import Bools, Floats, Ints
 from omnilab.geometry import wrap_angle
 from omnilab.graphs import moved
-from omnilab_slam.view_model import Gate, Seen, check_motion, check_start, mahalanobis, see, turn, usable
+from omnilab_slam.view_model import Gate, Seen, check_motion, check_pose, mahalanobis, see, turn, usable
 
 ROOM = 16  # views that there is room for at first; doubled when it is full
 
@@ -24,7 +24,7 @@ class ViewEkf(Gate):
 
     def begin(self, pose: Floats, covariance: Floats) -> EkfMap:
         """A map without views, the robot being at a pose (3,) with covariance (3, 3)."""
-        check_start(pose, covariance)
+        check_pose("a robot", pose, covariance)
         return EkfMap(self, pose, covariance)
 
 
@@ -102,20 +102,28 @@ class EkfMap:
 
     def add_view(self) -> int:
         """See `omnilab.api.ViewMap`."""
-        n = self._size
-        if n == len(self._state):
-            self._grow()
-        P, new = self._cov, slice(n, n + 3)
+        n, new = self._size, self._more()
+        P = self._cov
         self._state[new] = self._state[:3]
         P[new, :n], P[:n, new], P[new, new] = P[:3, :n], P[:n, :3], P[:3, :3]
-        self._size += 3
         return n // 3 - 1
 
-    def _grow(self) -> None:
+    def know_view(self, pose: Floats, covariance: Floats) -> int:
+        """See `omnilab.api.ViewMap`."""
+        check_pose("a view", pose, covariance)
+        n, new = self._size, self._more()
+        self._state[new], self._cov[new, new] = pose, covariance
+        return n // 3 - 1
+
+    def _more(self) -> slice:
+        """Where one more pose is in the state; it is zero, and so are its covariances."""
         n = self._size
-        state, cov = np.zeros(2 * n), np.zeros((2 * n, 2 * n))
-        state[:n], cov[:n, :n] = self._state, self._cov
-        self._state, self._cov = state, cov
+        if n == len(self._state):
+            state, cov = np.zeros(2 * n), np.zeros((2 * n, 2 * n))
+            state[:n], cov[:n, :n] = self._state, self._cov
+            self._state, self._cov = state, cov
+        self._size += 3
+        return slice(n, n + 3)
 
     def pose(self) -> tuple[Floats, Floats]:
         """See `omnilab.api.ViewMap`."""

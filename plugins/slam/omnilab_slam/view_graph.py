@@ -14,8 +14,9 @@ from omnilab.graphs import moved
 from omnilab_slam.factors import check_at_least, factor_of, pose_of, poses_of, vector_of
 from omnilab_slam.solving import FAILURES, brief, levenberg_marquardt
 from omnilab_slam.view_factor import noise_of, view_factor
-from omnilab_slam.view_model import Gate, Seen, check_motion, check_start, mahalanobis, see, turn, usable
+from omnilab_slam.view_model import Gate, Seen, check_motion, check_pose, mahalanobis, see, turn, usable
 
+KNOWN = 1 << 62  # views from before have numbers from here on: those of the way's poses are the steps
 LOOSE = np.eye(3)  # m², rad²: of the motion to a pose whose update failed
 MOST_ITERATIONS, TOLERANCE = 100, 1e-6  # of the last solution
 
@@ -44,7 +45,7 @@ class ViewGraph(Gate):
 
     def begin(self, pose: Floats, covariance: Floats) -> GraphMap:
         """A map without views, the robot being at a pose (3,) with covariance (3, 3)."""
-        check_start(pose, covariance)
+        check_pose("a robot", pose, covariance)
         return GraphMap(self, pose, covariance)
 
 
@@ -57,9 +58,7 @@ class GraphMap:
         self._settings, self._step, self._views = settings, 0, list[int]()
         self._kept = gtsam.NonlinearFactorGraph()
         self._tree = self._planted()
-        to_own = turn(-pose[2])
-        prior = gtsam.PriorFactorPose2(0, pose_of(pose), noise_of(to_own @ covariance @ to_own.T))
-        self._update([prior], {0: pose})
+        self._know(0, pose, covariance)
 
     def predict(self, motion: Floats, covariance: Floats) -> list[str]:
         """See `omnilab.api.ViewMap`."""
@@ -128,6 +127,13 @@ class GraphMap:
         self._views.append(self._step)
         return len(self._views) - 1
 
+    def know_view(self, pose: Floats, covariance: Floats) -> int:
+        """See `omnilab.api.ViewMap`."""
+        check_pose("a view", pose, covariance)
+        self._know(KNOWN + len(self._views), pose, covariance)
+        self._views.append(KNOWN + len(self._views))
+        return len(self._views) - 1
+
     def pose(self) -> tuple[Floats, Floats]:
         """See `omnilab.api.ViewMap`."""
         return self._at(self._step), self._covariance(self._step)
@@ -146,7 +152,15 @@ class GraphMap:
         solved = levenberg_marquardt(self._kept, start, MOST_ITERATIONS, TOLERANCE)
         for sentence in solved.said:
             warnings.warn(f"the whole graph of views: {sentence}", stacklevel=2)
-        return poses_of(solved.values, planar=True)
+        return poses_of(solved.values, planar=True)[: self._step + 1]
+
+    def _know(self, node: int, pose: Floats, covariance: Floats) -> None:
+        """A node more, at a pose that is known by itself."""
+        import gtsam
+
+        to_own = turn(-pose[2])
+        prior = gtsam.PriorFactorPose2(node, pose_of(pose), noise_of(to_own @ covariance @ to_own.T))
+        self._update([prior], {node: pose})
 
     def _at(self, node: int) -> Floats:
         return vector_of(self._tree.calculateEstimatePose2(node))

@@ -80,11 +80,11 @@ def is_covariance(matrices: Floats) -> Bools:
     return np.asarray(finite & (values[..., 0] >= -SLACK * np.abs(values[..., -1])))
 
 
-def check_start(pose: Floats, covariance: Floats) -> None:
-    """DataError for a first pose (3,) that is none, or a covariance (3, 3) of it."""
+def check_pose(what: str, pose: Floats, covariance: Floats) -> None:
+    """DataError for a pose (3,) that is none, or a covariance (3, 3) of it: of the robot at the start, or of a view."""
     if not (np.isfinite(pose).all() and is_covariance(covariance)):
         raise DataError(
-            f"a robot at {pose} with covariance {np.asarray(covariance).tolist()} cannot start;"
+            f"{what} at {pose} with covariance {np.asarray(covariance).tolist()} is nowhere;"
             " give finite numbers and a positive definite matrix"
         )
 

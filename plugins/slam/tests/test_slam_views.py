@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.linalg import block_diag
 
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import wrap_angle
@@ -70,14 +71,17 @@ class Naive:
         J = np.vstack([np.eye(len(self.x)), np.eye(3, len(self.x))])
         self.x, self.P = J @ self.x, J @ self.P @ J.T
 
+    def know_view(self, pose, covariance):
+        self.x, self.P = np.append(self.x, pose), block_diag(self.P, covariance)
 
-def drive(found, steps, rng, views_every=6, nearest=1.0, noise=0.05, extra=()):
-    """A noisy way round a circle; every map in `extra` is told the same."""
+
+def drive(found, steps, rng, views_every=6, nearest=1.0, noise=0.05, extra=(), known=()):
+    """A noisy way round a circle; every map in `extra` is told the same. Views at the poses `known` are from before."""
     angle = 2 * np.pi * np.arange(steps + 1) / 40
     truth = np.column_stack([4 * np.cos(angle), 4 * np.sin(angle), wrap_angle(angle + np.pi / 2)])
     motions = between(truth, np.column_stack([np.arange(steps), np.arange(1, steps + 1)]))
     motions += rng.standard_normal(motions.shape) @ np.sqrt(Q)
-    kept = []
+    kept = list(known)
     for i in range(1, steps + 1):
         for one in (found, *extra):
             one.predict(motions[i - 1], Q)
@@ -110,6 +114,58 @@ def test_ekf_is_that_of_the_equations():
     assert np.allclose(wrap_angle(views[:, 2] - expected[:, 2]), 0, atol=1e-6)
     for i, one in enumerate(spreads):
         assert np.allclose(one, naive.P[3 + 3 * i : 6 + 3 * i, 3 + 3 * i : 6 + 3 * i], atol=1e-8)
+
+
+KNOWN = np.array([[5.5, 1.0, 2.0], [-1.0, 5.0, -3.0], [-5.0, -3.0, 0.5]])
+
+
+def knowing(view_filters, spread, rng):
+    """Maps with views from before, which are not quite where they are said to be."""
+    said = KNOWN + rng.standard_normal(KNOWN.shape) @ np.linalg.cholesky(spread).T
+    for one in view_filters:
+        for pose in said:
+            one.know_view(pose, spread)
+
+
+def test_ekf_with_views_from_before_is_that_of_the_equations():
+    start, angle0, spread = np.diag([1e-3, 2e-3, 1e-3]), np.array([4.0, 0, np.pi / 2]), np.diag([0.04, 0.01, 0.001])
+    found, naive = ViewEkf(gate_probability=1).begin(angle0, start), Naive(angle0, start)
+    knowing((found, naive), spread, np.random.default_rng(7))
+    drive(found, 130, np.random.default_rng(0), extra=(naive,), known=KNOWN)
+    pose, P = found.pose()
+    assert np.allclose(pose[:2], naive.x[:2], atol=1e-6)
+    assert np.allclose(P, naive.P[:3, :3], atol=1e-8)
+    assert np.allclose(found.views()[:3, :2], naive.x[3:12].reshape(3, 3)[:, :2], atol=1e-6)
+    assert np.allclose(found.view_covariances()[1], naive.P[6:9, 6:9], atol=1e-8)
+
+
+@FILTERS
+def test_views_from_before_keep_a_robot_where_it_is_and_become_surer(view_filter):
+    """Its start is off by a metre, and it takes no views itself: errors are as the covariances say."""
+    squares, rng, spread = [], np.random.default_rng(8), np.diag([0.02, 0.02, 0.01]) ** 2
+    start, off = np.array([4.0, 0, np.pi / 2]), np.diag([0.5, 0.5, 0.2])
+    for _ in range(20):
+        found = view_filter.begin(start + off @ rng.standard_normal(3), off**2)
+        knowing((found,), spread, rng)
+        truth, _ = drive(found, 40, rng, views_every=999, known=KNOWN)
+        pose, P = found.pose()
+        error = pose - truth[-1]
+        error[2] = wrap_angle(error[2])
+        squares.append(error @ np.linalg.solve(P, error))
+        assert np.trace(P[:2, :2]) < 0.1 * np.trace(off[:2, :2] ** 2)
+        assert np.all(np.trace(found.view_covariances(), axis1=1, axis2=2) < np.trace(spread))
+        assert found.finish().shape == truth.shape
+    assert 1.5 < np.mean(squares) < 6  # 3 is expected
+
+
+@FILTERS
+def test_a_view_that_is_nowhere_is_refused(view_filter):
+    found = view_filter.begin(np.zeros(3), np.eye(3))
+    with pytest.raises(DataError, match=r"a view at .* is nowhere"):
+        found.know_view(np.array([0, np.nan, 0]), np.eye(3))
+    with pytest.raises(DataError, match="positive definite"):
+        found.know_view(np.zeros(3), -np.eye(3))
+    assert len(found.views()) == 0
 
 
 def test_both_filters_agree_where_all_is_nearly_linear():
@@ -341,7 +397,7 @@ def test_settings_and_starts_that_cannot_be_are_one_sentence():
         with pytest.raises(ConfigError, match=r"view_filter\..*give"):
             ViewGraph(**settings)
     for kind in (ViewEkf(), ViewGraph()):
-        with pytest.raises(DataError, match="cannot start"):
+        with pytest.raises(DataError, match=r"a robot at .* is nowhere"):
             kind.begin(np.zeros(3), -np.eye(3))
     assert is_covariance(np.zeros((2, 2)))
     assert not is_covariance(np.full((2, 2), np.nan))

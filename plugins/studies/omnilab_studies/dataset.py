@@ -30,6 +30,7 @@ class DataSet:
     """The folder of a data set. Frame n is `images/00000n.png`, and `depth/00000n.npy` where the depth is known."""
 
     folder: Path
+    setting: str = "study.folder"  # that names it
 
     def image(self, n: int) -> Path:
         return self.folder / "images" / f"{n:06d}.png"
@@ -47,12 +48,12 @@ class DataSet:
     def open(self, contents: Mapping[str, Any]) -> None:
         """Begin a data set of these contents, or go on with one; DataError if the folder holds anything else."""
         if self.folder.is_file():
-            raise DataError(f"study.folder={self.folder} is a file; give a new folder")
+            raise DataError(f"{self.setting}={self.folder} is a file; give a new folder")
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             begun = (self.folder / ABOUT).exists()
             if not begun and any(self.folder.iterdir()):
-                raise DataError(f"study.folder={self.folder} is neither empty nor a data set; give a new folder")
+                raise DataError(f"{self.setting}={self.folder} is neither empty nor a data set; give a new folder")
             (self.folder / "images").mkdir(exist_ok=True)
         except OSError as error:
             raise self._not_written(error) from error
@@ -118,13 +119,13 @@ class DataSet:
             there = {key: there[key] for key in contents}
         except (ValueError, KeyError, TypeError, RecursionError, OSError) as error:
             raise DataError(
-                f"{self.folder / ABOUT} describes no data set ({type(error).__name__}: {error}); give a new study.folder"
+                f"{self.folder / ABOUT} describes no data set ({type(error).__name__}: {error}); give a new {self.setting}"
             ) from None
         old, new = dict(_flat(there)), dict(_flat(json.loads(json.dumps(contents, default=str))))
         for key in [*old, *new]:
             if old.get(key) != new.get(key):
                 raise DataError(
-                    f"study.folder={self.folder} holds another data set: its {key} is {_short(old.get(key))}, not"
+                    f"{self.setting}={self.folder} holds another data set: its {key} is {_short(old.get(key))}, not"
                     f" {_short(new.get(key))};"
                     " give a new folder, or the settings it was begun with"
                 )
@@ -142,7 +143,7 @@ class DataSet:
 
     def _not_written(self, error: OSError) -> DataError:
         return DataError(
-            f"study.folder={self.folder} cannot be written ({os.strerror(error.errno or 0)}); give another folder,"
+            f"{self.setting}={self.folder} cannot be written ({os.strerror(error.errno or 0)}); give another folder,"
             " or make room"
         )
 
@@ -152,9 +153,9 @@ def contents_of(parts: Parts, plan: Plan, seed: int) -> dict[str, Any]:
     digest = hashlib.sha256("\n".join(plan.keys).encode())
     if plan.T_world_camera is not None:
         digest.update(np.ascontiguousarray(plan.T_world_camera, float).tobytes())
-    spoilt: dict[str, Any] = {name: _component(disturbance) for name, disturbance in parts.disturbances.items()}
+    spoilt: dict[str, Any] = {name: component(disturbance) for name, disturbance in parts.disturbances.items()}
     return {
-        "sensor": _component(parts.sensor),
+        "sensor": component(parts.sensor),
         "disturbances": {"seed": seed, **spoilt} if spoilt else {},
         "planned": len(plan),
         "plan": digest.hexdigest(),
@@ -171,8 +172,9 @@ def describe_camera(camera: Camera) -> dict[str, Any]:
     return about
 
 
-def _component(component: Any) -> dict[str, Any]:
-    return {"class": f"{type(component).__module__}.{type(component).__qualname__}", **asdict(component)}
+def component(part: Any) -> dict[str, Any]:
+    """Class and settings, by which a component is told from another."""
+    return {"class": f"{type(part).__module__}.{type(part).__qualname__}", **asdict(part)}
 
 
 def _flat(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:

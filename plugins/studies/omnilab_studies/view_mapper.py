@@ -21,7 +21,7 @@ class Association:
 
     range_m: float = 2.0  # delta_D: views that the robot believes to be farther away are not looked for
     nearest_m: float = 0.25  # nearer ones are not observed: their bearing is hardly defined
-    candidates: int = 3  # views that an image is matched with, at most: the nearest within the range
+    candidates: int = 3  # views that an image is matched with, at most: the nearest, and those that can be observed
     similarity: float = 0.5  # R: an image that is less alike to all of them becomes a view
     least: int = 25  # matches that agree, or a view is not seen
     sigma_deg: float = 0.5  # standard deviation of both angles besides what the matches tell
@@ -59,6 +59,11 @@ class ViewMapper:
         self.poses = [self.map.pose()]
         self._settings, self._relate = settings, relate
 
+    def know(self, image: int, pose: Floats, covariance: Floats) -> None:
+        """A view from before, at a pose (3,) known with a covariance (3, 3)."""
+        self.map.know_view(pose, covariance)
+        self.images.append(image)
+
     def take(self, image: int, look: Any, motion: Floats | None, covariance: Floats | None) -> Looked:
         """One more image, after the motion (3,) that odometry tells with a covariance (3, 3); neither at the first."""
         said = [] if motion is None or covariance is None else list(self.map.predict(motion, covariance))
@@ -79,11 +84,13 @@ class ViewMapper:
         return Looked(views, angles, int(believed.sum()), compared, new, said)
 
     def _compared(self, image: int, apart: Floats) -> dict[int, Motion]:
-        """The relative pose of the image and each of the nearest views within the range, by how far views are (V,)."""
-        near = np.argsort(apart, kind="stable")[: self._settings.candidates]
-        return {
-            int(view): self._relate(image, self.images[view]) for view in near if apart[view] <= self._settings.range_m
-        }
+        """The relative pose of the image and each of the nearest views within the range, by how far views are (V,).
+
+        Of those that are too near to be observed only the nearest, which tells whether the image should become a view.
+        """
+        s, order = self._settings, np.argsort(apart, kind="stable")
+        useful = (apart[order] <= s.range_m) & ((apart[order] >= s.nearest_m) | (np.arange(len(order)) == 0))
+        return {int(view): self._relate(image, self.images[view]) for view in order[useful][: s.candidates]}
 
     def _seen(self, compared: dict[int, Motion], apart: Floats) -> tuple[Ints, Floats, Floats]:
         """Views (K,) that enough matches show, their angles (K, 2) and covariances (K, 2, 2)."""

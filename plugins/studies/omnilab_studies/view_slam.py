@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
@@ -33,6 +33,7 @@ from omnilab_studies import view_figures as figures
 from omnilab_studies.common import deliver_queries, evenly, markdown_table
 from omnilab_studies.consistency import errors, nees, nees_bounds
 from omnilab_studies.displacements import pair
+from omnilab_studies.kept_views import Keeper, check_sensors, known_views
 from omnilab_studies.layouts import VIEW_SLAM
 from omnilab_studies.sources import Source, plan_of_way
 from omnilab_studies.view_mapper import Association, Looked, ViewMapper, agreeing
@@ -41,6 +42,7 @@ from omnilab_studies.view_runs import position_rms
 from omnilab_studies.view_show import ODOMETRY, TRUTH, line, show_errors, show_step
 
 VIEWS = "views"  # the odometry that tells the relative pose of two images
+UNTOLD = np.diag([0.2, 0.2, 0.5]) ** 2  # m², rad²: of a step that odometry tells nothing of
 FINE = 40  # samples of each step of a path, to space images along it
 
 
@@ -51,6 +53,9 @@ class ViewSlam:
     The run's `odometry` predicts; `odometries.views` tells the relative pose of two images, of which the bearing and the
     relative orientation of a view are taken. An image that shows no view well enough becomes one. Poses must be known:
     they are what is measured against, and the first is where the maps begin.
+
+    Views from before, with their poses, come from `sensors.known`: those that a run kept, or any images of the same
+    camera. Their errors are taken as independent, with `known_sigma_m` in x and y and `known_sigma_deg` in heading.
     """
 
     images: Source = Source.path  # or recorded: all that was recorded, in its order
@@ -58,6 +63,9 @@ class ViewSlam:
     every_m: float = 0.05  # an image on a path so often
     every_rad: float = 0.05  # and whenever the robot has turned so far
     height_m: float | None = None  # of the viewpoint on a path of the world; null: the sensor's own
+    keep: str | None = None  # folder for the first filter's views: images, and the poses that they were mapped at
+    known_sigma_m: float = 0.05  # standard deviation of x and y of views from before
+    known_sigma_deg: float = 1.0  # and of their headings
     views: Association = field(default_factory=Association)  # when an image shows a view, and when it becomes one
     show: int = 150  # images that go into the logs, and stages of the map; the numbers of all of them do
 
@@ -70,6 +78,11 @@ class ViewSlam:
             raise ConfigError(
                 f"study.every_m={self.every_m:g}, every_rad={self.every_rad:g} space no images; give numbers above 0"
             )
+        if not (0 < self.known_sigma_m < np.inf and 0 < self.known_sigma_deg < np.inf):
+            raise ConfigError(
+                f"study.known_sigma_m={self.known_sigma_m:g}, known_sigma_deg={self.known_sigma_deg:g} are no standard"
+                " deviations; give numbers above 0"
+            )
         if self.show < 1:
             raise ConfigError(f"study.show={self.show} shows nothing; give 1 or more")
 
@@ -78,17 +91,21 @@ class ViewSlam:
         rivals = rivals_of(parts)
         if VIEWS not in parts.odometries:
             raise ConfigError("this study needs to relate two images; give +odometry@odometries.views=planar_epipolar")
+        check_sensors(parts)
         plan = self._plan(parts)
         record.log("", VIEW_SLAM)
         if scene := parts.sensor.scene():
             record.log("room", scene)
-        seed, mapping = int(rng.integers(2**32)), np.random.default_rng(rng.integers(2**32))
-        way = _Way(parts, rivals, self.views, record, mapping, set(evenly(len(plan), self.show).tolist()))
+        seed, base = int(rng.integers(2**32)), int(rng.integers(2**32))
+        keeper = None if self.keep is None else Keeper(self.keep, parts, plan, seed, asdict(self) | {"keep": None})
+        way = _Way(self, parts, rivals, record, base, set(evenly(len(plan), self.show).tolist()), keeper)
         for frames in deliver_queries(parts, plan, record, seed):
             for i in range(len(frames)):
                 way.take(frames.at(i))
         if len(way.truth) < 2:
             raise DataError(f"a sequence of {len(way.truth)} image makes no way; give 2 or more")
+        if keeper:
+            keeper.close(next(iter(way.mappers.values())).map.views())
         return _report(way, record)
 
     def _plan(self, parts: Parts) -> Plan:
@@ -122,13 +139,14 @@ class _Way:
     """The images so far, and what each filter makes of them."""
 
     def __init__(
-        self, parts: Parts, rivals: Mapping[str, Any], settings: Association, record: Recorder,
-        rng: np.random.Generator, shown: set[int],
+        self, study: ViewSlam, parts: Parts, rivals: Mapping[str, Any], record: Recorder, base: int,
+        shown: set[int], keeper: Keeper | None,
     ) -> None:  # fmt: skip
-        self._parts, self._settings, self._record, self._rng, self._shown = parts, settings, record, rng, shown
-        self._rivals = rivals
+        self._parts, self._study, self._record, self._base, self._shown = parts, study, record, base, shown
+        self._rng = np.random.default_rng(base)  # of odometry
+        self._rivals, self._keeper = rivals, keeper
         self._wheels: Any = None  # what odometry kept of the last image
-        self._looks: list[Any] = []
+        self._looks: dict[int, Any] = {}  # of views and the present image, by number; views from before are below 0
         self._related: dict[tuple[int, int], Motion] = {}  # of the present image, whichever filter asks
         self._panoramas: dict[int, Bytes] = {}  # of the views of the first filter, which is shown
         self._teller = Teller(record)
@@ -139,6 +157,7 @@ class _Way:
         self.keys: list[str] = []
         self.stamps_ns: list[int] = []
         self.lost = 0  # steps of which odometry told nothing
+        self.known = 0  # views from before
 
     def take(self, frame: Frames) -> None:
         """One more image, a batch of one."""
@@ -153,12 +172,9 @@ class _Way:
             (look,) = self._parts.odometries[VIEWS].look(frame)
         if isinstance(look, Unusable):
             self._teller.tell(f"image {image}, {frame.keys[0]}", [look.reason])
-        self._looks.append(look)
-        if not self.mappers:
-            self.odometry.append(self.truth[0])
-            self.mappers = {
-                n: ViewMapper(f, self._settings, self._relate, self.truth[0]) for n, f in self._rivals.items()
-            }
+        self._looks[image] = look
+        if image == 0:
+            self._begin(frame)
         else:
             self.odometry.append(moved(self.odometry[-1], motion[0]))
         self._related.clear()
@@ -170,9 +186,32 @@ class _Way:
             self._teller.tell(f"image {image}, {name}", found.said)
         if next(iter(self.seen.values()))[-1].new is not None:
             self._panoramas[image] = panorama(frame.images, frame.camera)[0]
-        self._forget()
+            if self._keeper:
+                self._keeper.add(frame, record)
+        if not any(mapper.images and mapper.images[-1] == image for mapper in self.mappers.values()):
+            del self._looks[image]  # it became no view
         if image in self._shown:
             self._show(frame, image)
+
+    def _begin(self, first: Frames) -> None:
+        """Maps of nothing but views from before."""
+        study, start = self._study, self.truth[0]
+        self.odometry.append(start)
+        self.mappers = {n: ViewMapper(f, study.views, self._relate, start) for n, f in self._rivals.items()}
+        sigmas = [study.known_sigma_m, study.known_sigma_m, np.deg2rad(study.known_sigma_deg)]
+        for frame in known_views(self._parts, first.camera, self._record):
+            assert frame.T_world_camera is not None
+            (look,) = self._parts.odometries[VIEWS].look(frame)
+            if isinstance(look, Unusable):
+                self._teller.tell(f"known view {frame.keys[0]}", [look.reason])
+                continue
+            self.known += 1
+            self._looks[-self.known] = look
+            self._panoramas[-self.known] = panorama(frame.images, frame.camera)[0]
+            for mapper in self.mappers.values():
+                mapper.know(-self.known, vectors(frame.T_world_camera, planar=True)[0], np.diag(sigmas) ** 2)
+            if self._keeper:
+                self._keeper.add(frame, self._record)
 
     def _motion(self, frame: Frames) -> tuple[Floats, Floats]:
         """What odometry tells since the last image; as nothing but a wide step where it tells nothing."""
@@ -185,23 +224,15 @@ class _Way:
             return told.vector, told.covariance
         self.lost += 1
         self._teller.tell(f"image {len(self.truth) - 1}, odometry", [told.failed])
-        return np.zeros(3), np.diag([0.2, 0.2, 0.5]) ** 2
+        return np.zeros(3), UNTOLD
 
     def _relate(self, image: int, view: int) -> Motion:
-        """How to get from an image to that of a view."""
+        """How to get from an image to that of a view: the same whatever else is asked."""
         if (image, view) not in self._related:
-            odometry = self._parts.odometries[VIEWS]
+            odometry, rng = self._parts.odometries[VIEWS], np.random.default_rng([self._base, image, view % 2**32])
             with self._record.timed("relate"):
-                self._related[image, view] = odometry.motion(self._looks[image], self._looks[view], self._rng)
+                self._related[image, view] = odometry.motion(self._looks[image], self._looks[view], rng)
         return self._related[image, view]
-
-    def _forget(self) -> None:
-        """Of images that became no view, nothing is kept."""
-        if all(self._is_no_view(mapper) for mapper in self.mappers.values()):
-            self._looks[-1] = None
-
-    def _is_no_view(self, mapper: ViewMapper) -> bool:
-        return not mapper.images or mapper.images[-1] != len(self._looks) - 1
 
     def _show(self, frame: Frames, image: int) -> None:
         """The first filter's map into the logs, and the image beside the view that it shows best."""
@@ -230,7 +261,7 @@ def _report(way: _Way, record: Recorder) -> Report:
     for name, mapper in way.mappers.items():
         at, spread = (np.array(each) for each in zip(*mapper.poses, strict=True))
         final = mapper.map.finish()
-        rows.append(_row(name, at, spread, final, truth, way.seen[name], len(mapper.images)))
+        rows.append(_row(name, at, spread, final, truth, way.seen[name], len(mapper.images) - way.known))
         poses |= {name: at, f"{name}_final": final}
         shown[name] = figures.Mapped(at, spread, mapper.map.views(), mapper.map.view_covariances())
     first = next(iter(shown.values()))
@@ -242,6 +273,7 @@ def _report(way: _Way, record: Recorder) -> Report:
         Metric("images", len(truth), "1"),
         Metric("path_length", length, "m"),
         Metric("lost_steps", way.lost, "1"),
+        *([Metric("known_views", way.known, "1")] if way.known else []),
     ]
     record.log("summary", Text(markdown_table(metrics, "Maps of views"), markdown=True))
     stamps_ns = np.array(way.stamps_ns)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import json
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -39,6 +41,7 @@ class Ring:
     black: list[int] = field(default_factory=list)
     known: bool = True
     count: int = 40
+    camera: ImageCircle = CAMERA
     asked: list[Any] = field(default_factory=list)
 
     def plan(self, layout):
@@ -51,7 +54,7 @@ class Ring:
             part = np.arange(start, min(start + 9, len(plan)))
             images = np.full((len(part), 16, 16), 50, np.uint8)
             images[np.isin(part, self.black)] = 0
-            yield Frames(images, [plan.keys[i] for i in part], part * 100, CAMERA, part, plan.T_world_camera[part])
+            yield Frames(images, [plan.keys[i] for i in part], part * 100, self.camera, part, plan.T_world_camera[part])
 
     def scene(self):
         return None
@@ -92,13 +95,17 @@ class Seeing(Exact):
 class Believing:
     """Believes odometry alone, and keeps what it was told."""
 
+    def __post_init__(self):
+        self.begun = []
+
     def begin(self, pose, covariance):
-        return Belief(pose)
+        self.begun.append(Belief(pose))
+        return self.begun[-1]
 
 
 class Belief:
     def __init__(self, pose):
-        self.way, self.taken, self.seen = [pose], [], []
+        self.way, self.taken, self.seen, self.told = [pose], [], [], []
 
     def predict(self, motion, covariance):
         assert np.linalg.eigvalsh(covariance)[0] > 0
@@ -112,6 +119,11 @@ class Belief:
 
     def add_view(self):
         self.taken.append(self.way[-1])
+        return len(self.taken) - 1
+
+    def know_view(self, pose, covariance):
+        self.told.append(covariance)
+        self.taken.append(pose)
         return len(self.taken) - 1
 
     def pose(self):
@@ -216,6 +228,47 @@ def test_black_images_and_lost_odometry_are_told_and_cost_no_more():
     assert report.tables["steps"]["belief_observed"][3] == 0
 
 
+def test_views_from_before_are_seen_and_none_is_taken_beside_them():
+    view_filter = Believing()
+    found = values(run(sensors={"known": Ring(black=[5])}, view_filters={"belief": view_filter}))
+    assert found["known_views"] == 39  # the black one is left out
+    assert found["belief_views"] == 0
+    assert found["belief_observed"] > 50
+    belief = view_filter.begun[-1]
+    assert np.allclose(belief.views(), np.delete(vectors(way(), planar=True), 5, axis=0))
+    assert np.allclose(belief.told[0], np.diag([0.05, 0.05, np.deg2rad(1)]) ** 2)
+
+
+def test_views_of_another_camera_are_refused():
+    other = ImageCircle(16, 16, Circle(7.5, 7.5, 7))
+    with pytest.raises(DataError, match=r"another camera .*radius=7.* than the images .*radius=8"):
+        run(sensors={"known": Ring(camera=other)})
+
+
+def test_views_from_before_without_poses_or_under_another_name_are_refused():
+    with pytest.raises(DataError, match=r"sensors\.known have no poses"):
+        run(sensors={"known": Ring(known=False)})
+    with pytest.raises(ConfigError, match=r"sensors\.knwon is not asked"):
+        run(sensors={"knwon": Ring()})
+
+
+def test_kept_views_are_a_data_set_of_images_and_mapped_poses(tmp_path):
+    study = ViewSlam(every_m=0.2, every_rad=0.5, keep=str(tmp_path / "views"))
+    view_filter = Believing()
+    run(study, view_filters={"belief": view_filter, "second": Believing()}, odometry=Exact(noise=0.01))
+    mapped = view_filter.begun[-1].views()
+    about = json.loads((tmp_path / "views/dataset.json").read_text())
+    assert about["complete"]
+    assert about["views"] == len(mapped) == len(list((tmp_path / "views/images").iterdir()))
+    with (tmp_path / "views/positions.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [(float(row["x_m"]), float(row["y_m"]), float(row["z_m"])) for row in rows] == [(*p[:2], 1) for p in mapped]
+    assert [float(row["yaw_deg"]) for row in rows] == pytest.approx(np.rad2deg(mapped[:, 2]))
+    run(study, view_filters={"belief": Believing(), "second": Believing()}, odometry=Exact(noise=0.01))  # once more
+    with pytest.raises(DataError, match=r"study\.keep=.* holds another data set"):
+        run(study, view_filters={"belief": Believing()}, odometry=Exact(noise=0.02))
+
+
 def test_files_and_tables_hold_every_way():
     report = run()
     count = values(report)["images"]
@@ -244,7 +297,9 @@ def test_images_without_poses_or_alone_are_refused():
         run(ViewSlam(images=Source.recorded), sensor=Ring(count=1))
 
 
-@pytest.mark.parametrize("wrong", [{"images": Source.random}, {"every_m": 0}, {"every_rad": -1}, {"show": 0}])
+@pytest.mark.parametrize(
+    "wrong", [{"images": Source.random}, {"every_m": 0}, {"every_rad": -1}, {"show": 0}, {"known_sigma_m": 0}]
+)
 def test_settings_that_mean_nothing_are_refused(wrong):
     with pytest.raises(ConfigError, match=r"study\."):
         ViewSlam(**wrong)
