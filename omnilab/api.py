@@ -471,6 +471,7 @@ class Series:
     steps: Ints
     stamps_ns: Ints
     unit: str
+    color: tuple[int, int, int] | None = None  # RGB; None: the viewer chooses
 
 
 @dataclass(frozen=True)

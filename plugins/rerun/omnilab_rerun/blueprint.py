@@ -62,7 +62,8 @@ def _eye(corners: Sequence[Floats]) -> rrb.EyeControls3D:
     """From the south and above, far enough to see everything."""
     low, high = np.min([pair[0] for pair in corners], 0), np.max([pair[1] for pair in corners], 0)
     center = (low + high) / 2
-    far = max(0.6 * np.linalg.norm(high - low), 1.05 * (high - low)[1])  # of what is deep, the near end leaves first
+    wide, deep, _ = high - low
+    far = max(0.6 * np.linalg.norm(high - low), 0.85 * wide, 1.05 * deep)  # of what is deep, the near end leaves first
     away = np.array([0.0, -0.6, 1.0]) * far
     return rrb.EyeControls3D(position=center + away, look_target=center)
 

@@ -54,13 +54,26 @@ def draw(record: Record, spacing_m: float) -> Drawing:
         case PointCloud():
             yield "", [rr.Points3D(record.points_m, colors=record.colors, radii=rr.Radius.ui_points(1.5))]
         case Graph():
-            yield "", _graph(record, spacing_m)
+            yield "", _graph(record)
         case Text(markdown=True):
             yield "", [rr.TextDocument(record.text, media_type="text/markdown")]
         case Text():
             yield "", [rr.TextLog(record.text, level=record.level)]
         case _:
             raise TypeError(f"{type(record).__name__} has no drawing")
+
+
+def points_of(record: Record) -> Floats:
+    """Where a record is in the world (P, 3); none of most."""
+    match record:
+        case Mesh():
+            return record.vertices_m
+        case PointCloud():
+            return record.points_m
+        case PlaceMap() | Graph():
+            return record.position_m
+        case _:
+            return np.zeros((0, 3))
 
 
 def spacing_m(position_m: Floats) -> float:
@@ -146,11 +159,14 @@ def _lines(ends_m: Floats, verdicts: Sequence[str], radius_m: float) -> rr.LineS
     return rr.LineStrips3D(ends_m[shown], radii=radius_m, colors=colors)
 
 
-def _graph(graph: Graph, spacing_m: float) -> list[rr.AsComponents]:
-    colors = PLACE if graph.colors is None else graph.colors
+def _graph(graph: Graph) -> list[rr.AsComponents]:
+    """Edges as thin as can be seen from any distance; points in the colour of an edge that they have."""
+    edges = np.tile(np.array(PLACE, np.uint8), (len(graph.edges), 1)) if graph.colors is None else graph.colors
+    points = np.tile(np.array(PLACE, np.uint8), (len(graph.position_m), 1))
+    points[graph.edges] = edges[:, None]
     return [
-        rr.Points3D(graph.position_m, radii=0.12 * spacing_m, colors=TRUTH),
-        rr.LineStrips3D(graph.position_m[graph.edges], radii=0.03 * spacing_m, colors=colors),
+        rr.Points3D(graph.position_m, radii=rr.Radius.ui_points(1.5), colors=points),
+        rr.LineStrips3D(graph.position_m[graph.edges], radii=rr.Radius.ui_points(0.8), colors=edges),
     ]
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from omnilab.api import Floats, Mesh, PlaceMap, Progress, Record, Series, Text, Tick, ViewLayout
+from omnilab.api import Floats, PlaceMap, Progress, Record, Series, Text, Tick, ViewLayout
 from omnilab.errors import ConfigError, DataError
 from omnilab_rerun.ports import LOOPBACK, is_free
 
@@ -25,8 +25,8 @@ class RerunSink:
     """Writes `run.rrd`, which the Rerun viewer shows in the study's own layout; on request also while the run goes on.
 
     Records without a tick are static. The others lie on the timelines `step` (the study's) and `sensor_time` (the
-    sensor's clock); Rerun adds `log_time`. The layout is sent with the first record that has a tick: meshes and places
-    logged before it decide from where its maps are seen.
+    sensor's clock); Rerun adds `log_time`. The layout is sent with the first record that has a tick: what was logged
+    before it decides from where its maps are seen.
     """
 
     live: bool = False  # serve the run on loopback while it goes on; `rerun --connect` shows it
@@ -81,7 +81,9 @@ class RerunSink:
             case Series():
                 self._send_curve(path, record)
             case _:
-                if isinstance(record, PlaceMap | Mesh):
+                if isinstance(record, PlaceMap):
+                    self._space(record)
+                if tick is None:
                     self._measure(path, record)
                 self._draw(path, record, static=tick is None)
 
@@ -97,16 +99,20 @@ class RerunSink:
         self._stream.set_time("step", sequence=tick.step)
         self._stream.set_time("sensor_time", duration=np.timedelta64(tick.stamp_ns, "ns"))
 
-    def _measure(self, path: str, record: PlaceMap | Mesh) -> None:
-        """Remember how large the world and how fine the map is, for the eye and for what is drawn."""
-        from omnilab_rerun.blueprint import absolute
+    def _space(self, places: PlaceMap) -> None:
+        """Remember how fine the map is, for what is drawn."""
         from omnilab_rerun.drawing import LONE_M, spacing_m
 
-        points = record.vertices_m if isinstance(record, Mesh) else record.position_m
-        if isinstance(record, PlaceMap):
-            # markers as large as the spacing of a coarse map would hide it, those of a very fine one would be too small
-            extent = float(np.ptp(points, axis=0).max()) or 25 * LONE_M
-            self._spacing_m = float(np.clip(spacing_m(points), extent / 150, extent / 25))
+        # markers as large as the spacing of a coarse map would hide it, those of a very fine one would be too small
+        extent = float(np.ptp(places.position_m, axis=0).max()) or 25 * LONE_M
+        self._spacing_m = float(np.clip(spacing_m(places.position_m), extent / 150, extent / 25))
+
+    def _measure(self, path: str, record: Record) -> None:
+        """Remember how large the world is, for the eye."""
+        from omnilab_rerun.blueprint import absolute
+        from omnilab_rerun.drawing import points_of
+
+        points = points_of(record)
         if absolute(path) not in self._extents and len(points):
             self._extents[absolute(path)] = np.stack([np.min(points, 0), np.max(points, 0)])
 
@@ -124,7 +130,8 @@ class RerunSink:
         if path not in self._curves:
             self._curves.add(path)
             name = f"{path.rsplit('/', 1)[-1]} [{series.unit}]"
-            self._stream.log(path, rr.SeriesLines(names=name), static=True, strict=True)
+            colors = None if series.color is None else [series.color]
+            self._stream.log(path, rr.SeriesLines(names=name, colors=colors), static=True, strict=True)
         times = [
             rr.TimeColumn("step", sequence=series.steps),
             rr.TimeColumn("sensor_time", duration=np.asarray(series.stamps_ns).astype("timedelta64[ns]")),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from omnilab.api import Mesh, Panel, PlaceMap, ViewLayout
+from omnilab.api import Graph, Mesh, Panel, PlaceMap, PointCloud, Tick, ViewLayout
 from omnilab.errors import ConfigError
 
 ROOM = Mesh(np.array([[-5, -4, 0], [5, 4, 0], [5, -4, 3.0]]), np.array([[0, 1, 2]]), np.zeros((3, 3), np.uint8))
@@ -75,6 +75,18 @@ def test_the_eye_sees_the_whole_room_from_above(recorded, order):
     away = np.array(one(blueprint, "EyeControls3D:position")[0]) - target
     assert away[2] > -away[1] > 0
     assert np.linalg.norm(away) > np.linalg.norm([5, 4, 1.5]), "outside the sphere around the room"
+
+
+def test_the_eye_sees_what_lies_still_whatever_it_is(recorded):
+    corners = np.array([[-8, -6, 0], [8, 6, 0.0]])
+    graph, cloud = (
+        Graph(corners, np.array([[0, 1]])),
+        PointCloud(corners + np.array([2, 0, 0]), np.zeros((2, 3), np.uint8)),
+    )
+    moving = ("distance", Graph(100 * corners, np.array([[0, 1]])), Tick(1, 0))
+    records = [("layout", LAYOUT, None), ("room", graph, None), ("places", cloud, None), moving]
+    target = one(recorded(records).blueprint(), "EyeControls3D:look_target")[0]
+    np.testing.assert_allclose(target, [1, 0, 0], atol=1e-6)
 
 
 def test_an_unknown_kind_of_panel_is_refused(recorded):

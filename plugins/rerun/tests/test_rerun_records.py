@@ -9,6 +9,7 @@ from omnilab.api import (
     Answers,
     DistanceField,
     Estimate,
+    Graph,
     Image,
     Mesh,
     PlaceMap,
@@ -154,6 +155,20 @@ def test_series_in_stretches_is_one_curve(recorded):
     assert log.rows("/error/m", "sensor_time") == list(steps * 10**8)
     assert log.rows("/error/m", "Scalars:scalars") == [[step / 4] for step in steps]
     assert log.rows("/error/m", "SeriesLines:names") == [["m [m]"]]
+
+
+def test_a_curve_may_have_a_color(recorded):
+    log = recorded([("error/m", Series(np.zeros(3), np.arange(3), np.arange(3), "m", (42, 157, 92)), None)])
+    assert log.rows("/error/m", "SeriesLines:colors") == [[packed((42, 157, 92))]]
+
+
+def test_a_graph_s_points_have_the_color_of_their_edges(recorded):
+    red, green = (200, 0, 0), (0, 200, 0)
+    graph = Graph(GRID[:4].astype(float), np.array([[0, 1], [2, 3]]), np.uint8([red, green]))
+    log = recorded([("graph", graph, AT)])
+    np.testing.assert_allclose(log.rows("/graph", "LineStrips3D:strips")[0], GRID[:4].reshape(2, 2, 3))
+    assert log.rows("/graph", "LineStrips3D:colors")[0] == [packed(red), packed(green)]
+    assert log.rows("/graph", "Points3D:colors")[0] == [packed(color) for color in (red, red, green, green)]
 
 
 def test_log_lines_without_a_tick_stay_apart_and_lie_where_the_run_is(recorded):

@@ -225,8 +225,8 @@ def rising(altimeters: Sequence[str], described: bool) -> ViewLayout:
     return ViewLayout(columns, widths=(3, 3, 2))
 
 
-VIEWS_TITLE = "Truth (grey), odometry (amber), the map's way, views and bearings"
-VIEWS_SHOWN = ("truth", "odometry", "way", "robot", "views", "bearings")
+VIEWS_TITLE = "Truth (grey), odometry (amber), the map's way and views; bearings: believed (green), gated (red)"
+VIEWS_SHOWN = ("truth", "odometry", "way", "robot", "views", "candidates", "bearings")
 VIEWS_ERRORS = (
     Panel("plot", "Error in x, ±2σ", ("error/x_m",)),
     Panel("plot", "Error in y, ±2σ", ("error/y_m",)),
@@ -251,5 +251,5 @@ VIEW_MAP = ViewLayout(
         VIEWS_ERRORS,
         (Panel("text", "Result", ("summary",)), Panel("log", "Log", ("log",))),
     ),
-    widths=(3, 2, 2),
+    widths=(5, 2, 2),
 )

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnilab.api import Floats, Ints, Motion, Unusable, ViewFilter
+from omnilab.api import Bools, Floats, Ints, Motion, Unusable, ViewFilter
 from omnilab.errors import ConfigError
 
 START_VARIANCE = 1e-6  # m², rad²: the first pose is known
@@ -44,7 +44,7 @@ class Looked(NamedTuple):
 
     views: Ints  # (K,) that it observed
     angles_rad: Floats  # (K, 2) bearing and relative orientation
-    believed: int  # how many of them the filter took
+    believed: Bools  # (K,) which of them the filter took
     compared: dict[int, Motion]  # views that the image was matched with
     new: int | None  # the view that it became
     said: list[str]
@@ -81,7 +81,7 @@ class ViewMapper:
             self.images.append(image)
         if motion is not None:
             self.poses.append(self.map.pose())
-        return Looked(views, angles, int(believed.sum()), compared, new, said)
+        return Looked(views, angles, believed, compared, new, said)
 
     def _compared(self, image: int, apart: Floats) -> dict[int, Motion]:
         """The relative pose of the image and each of the nearest views within the range, by how far views are (V,).

@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omnilab.api import Floats, Ints, ViewFilter, ViewMap
+from omnilab.api import Bools, Floats, Ints, ViewFilter, ViewMap
 from omnilab.trajectories import rms
 from omnilab_studies.consistency import errors, nees
 from omnilab_studies.view_drives import Drive
 
 START_VARIANCE = 1e-6  # m², rad²: the first pose is known
-Watch = Callable[[int, ViewMap, Ints], None]  # step, map, the views that are observed
+Watch = Callable[[int, ViewMap, Ints, Bools], None]  # step, map, the views that are observed, and which are believed
 
 
 class Trace(NamedTuple):
@@ -41,7 +41,7 @@ def follow(view_filter: ViewFilter, drive: Drive, range_m: float, watch: Watch |
         found.add_view()
     for step in range(1, len(drive.truth)):
         views = drive.candidates(step, range_m)
-        start = time.perf_counter()
+        believed, start = np.zeros(0, bool), time.perf_counter()
         said += found.predict(drive.motions[step - 1], drive.covariances[step - 1])
         if len(views):
             believed, problems = found.observe(views, drive.angles_rad[step, views], np.tile(R, (len(views), 1, 1)))
@@ -54,7 +54,7 @@ def follow(view_filter: ViewFilter, drive: Drive, range_m: float, watch: Watch |
         poses.append(found.pose())
         seconds.append(time.perf_counter() - start)
         if watch:
-            watch(step, found, views)
+            watch(step, found, views, believed)
     at, spread = (np.array(each) for each in zip(*poses, strict=True))
     return Trace(at, spread, found.finish(), np.array(seconds), observed, gated, wrong, wrong_gated, said)
 

@@ -39,7 +39,7 @@ from omnilab_studies.sources import Source, plan_of_way
 from omnilab_studies.view_mapper import Association, Looked, ViewMapper, agreeing
 from omnilab_studies.view_rivals import Teller, columns, rivals_of
 from omnilab_studies.view_runs import position_rms
-from omnilab_studies.view_show import ODOMETRY, TRUTH, line, show_errors, show_step
+from omnilab_studies.view_show import ODOMETRY, TRUTH, Bearings, line, show_errors, show_step
 
 VIEWS = "views"  # the odometry that tells the relative pose of two images
 UNTOLD = np.diag([0.2, 0.2, 0.5]) ** 2  # m², rad²: of a step that odometry tells nothing of
@@ -96,6 +96,8 @@ class ViewSlam:
         record.log("", VIEW_SLAM)
         if scene := parts.sensor.scene():
             record.log("room", scene)
+        assert plan.T_world_camera is not None
+        record.log("truth", line(vectors(plan.T_world_camera, planar=True), TRUTH))
         seed, base = int(rng.integers(2**32)), int(rng.integers(2**32))
         keeper = None if self.keep is None else Keeper(self.keep, parts, plan, seed, asdict(self) | {"keep": None})
         way = _Way(self, parts, rivals, record, base, set(evenly(len(plan), self.show).tolist()), keeper)
@@ -240,9 +242,9 @@ class _Way:
         tick, found = Tick(image, self.stamps_ns[-1]), self.seen[name][-1]
         way = np.array([pose for pose, _ in mapper.poses])
         views = (mapper.map.views(), mapper.map.view_covariances())
-        show_step(self._record, tick, way, views, found.views, found.angles_rad[:, 0])
+        seen = Bearings(found.views, found.angles_rad[:, 0], found.believed)
+        show_step(self._record, tick, way, views, np.array(list(found.compared), int), seen)
         self._record.log("query/image", Image(frame.images[0]), tick)
-        self._record.log("truth", line(np.array(self.truth), TRUTH), tick)
         self._record.log("odometry", line(np.array(self.odometry), ODOMETRY), tick)
         now = panorama(frame.images, frame.camera)[0]
         best = max(found.compared, key=lambda view: agreeing(found.compared[view]), default=None)
@@ -283,7 +285,7 @@ def _report(way: _Way, record: Recorder) -> Report:
         table |= {f"{name}_x_m": at[:, 0], f"{name}_y_m": at[:, 1], f"{name}_heading_deg": np.rad2deg(at[:, 2])}
     for name, seen in way.seen.items():
         table[f"{name}_observed"] = [len(found.views) for found in seen]
-        table[f"{name}_believed"] = [int(found.believed) for found in seen]
+        table[f"{name}_believed"] = [int(found.believed.sum()) for found in seen]
     return Report(
         metrics, {"filters": columns(rows), "steps": table}, figures.mapped(truth, odometry, shown), files=files
     )
@@ -314,5 +316,5 @@ def _row(
         "nees_within": float(((low <= each) & (each <= high)).mean()),
         "views": views,
         "observed": observed,
-        "gated": 1 - sum(found.believed for found in seen) / max(1, observed),
+        "gated": 1 - sum(int(found.believed.sum()) for found in seen) / max(1, observed),
     }

@@ -274,7 +274,7 @@ def test_view_range_keeps_the_contract_and_measures_odometry(small):
     assert found["said"] == 2 * 3 + 2 * 2
     assert set(report.figures) == {"ranges", "nees", "drive"}
     paths = {path for path, _, _ in log.records}
-    assert {"truth", "odometry", "walls", "way", "views", "bearings", "robot", "summary"} <= paths
+    assert {"truth", "odometry", "walls", "way", "views", "candidates", "bearings", "robot", "summary"} <= paths
     assert any(isinstance(r, Text) and "one, small, 2 m: off we go" in r.text for _, r, _ in log.records)
 
 
