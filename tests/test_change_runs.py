@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from omnilab.logbook import load_run
+
 pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
 
 WORLD = Path(__file__).with_name("box_world.yaml")
@@ -16,15 +18,6 @@ SENSOR = [f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1"]
 SMALL = ["experiment=changes", "study.query_count=12", "study.step_m=0.5", *SENSOR]
 RADON = ["descriptors.radon.offsets=48", "descriptors.radon.angles=60", "descriptors.radon_gist=null"]
 OFF = [f"~study.conditions.{name}" for name in ("evening", "lamp_off", "moved", "crowded")]
-
-
-def rows_of(file):
-    with file.open(newline="") as stream:
-        return list(csv.DictReader(stream))
-
-
-def metrics_of(folder):
-    return {row["metric"]: float(row["value"]) for row in rows_of(folder / "metrics.csv")}
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +34,7 @@ def run(omnilab_in, here):
 
 
 def test_a_row_for_every_contestant_in_every_condition(run):
-    rows = rows_of(run / "changes.csv")
+    rows = load_run(run).table("changes")
     assert [(row["contestant"], row["condition"]) for row in rows] == [
         (name, condition) for condition in ("unchanged", "raised", "same") for name in ("radon", "fourier_signature")
     ]
@@ -54,7 +47,7 @@ def test_a_row_for_every_contestant_in_every_condition(run):
 
 
 def test_a_condition_that_changes_nothing_is_answered_alike(run):
-    rows = {(row["contestant"], row["condition"]): row for row in rows_of(run / "changes.csv")}
+    rows = {(row["contestant"], row["condition"]): row for row in load_run(run).table("changes")}
     for name in ("radon", "fourier_signature"):
         same, unchanged = (
             {key: value for key, value in rows[name, condition].items() if key != "condition"}
@@ -66,7 +59,7 @@ def test_a_condition_that_changes_nothing_is_answered_alike(run):
 
 def test_what_is_left_behind(run):
     assert {"changes.png", "pictures.png", "run.rrd", "run.mcap"} <= {file.name for file in run.iterdir()}
-    metrics = metrics_of(run)
+    metrics = load_run(run).metrics
     worst = min(metrics["radon_raised_nearest_rate"], metrics["radon_same_nearest_rate"])
     assert metrics["radon_nearest_rate_worst"] == worst
 
@@ -106,7 +99,7 @@ def bielefeld(omnilab_in, here):
         arguments = ["experiment=render", "study.step_m=0.3", "study.extent_m=[0.9, 0.6]", f"study.folder={data}"]
         assert omnilab_in(here, *arguments, *SENSOR, *settings).rc == 0
         (folder / name).mkdir(parents=True)
-        rows = rows_of(data / "positions.csv")
+        rows = list(csv.DictReader((data / "positions.csv").read_text().splitlines()))
         x, y = (np.array([float(row[axis]) for row in rows]) for axis in ("x_m", "y_m"))
         column, row_of = (np.rint((a - a.min()) / 0.3).astype(int) for a in (x, y))
         for row, i, j in zip(rows, column, row_of, strict=True):
@@ -119,8 +112,8 @@ def test_folders_in_the_format_of_bielefeld(omnilab_in, here, bielefeld):
     radon = ["descriptor.offsets=48", "descriptor.angles=60"]
     result = omnilab_in(here, "experiment=recorded_changes", f"sensor.path={bielefeld / 'original'}", *radon, *off)
     assert result.rc == 0, result.stderr
-    rows = rows_of(here / "logs" / "latest" / "changes.csv")
+    rows = load_run(here / "logs" / "latest").table("changes")
     assert [row["condition"] for row in rows] == ["chairs", "winlit"]
-    assert metrics_of(here / "logs" / "latest")["places"] == 12
+    assert load_run(here / "logs" / "latest").metrics["places"] == 12
     assert all(int(row["queries"]) == 12 for row in rows)
     assert all(float(row["nearest_rate"]) > 0.9 for row in rows), "a few centimetres of height change little"

@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import pytest
 
+from omnilab.logbook import load_run
+
 pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
 
 WORLD = Path(__file__).with_name("box_world.yaml")
-
-
-def rows_of(file):
-    with file.open(newline="") as stream:
-        return list(csv.DictReader(stream))
-
-
-def metrics_of(folder):
-    return {row["metric"]: float(row["value"]) for row in rows_of(folder / "metrics.csv")}
 
 
 def test_positions_between_the_places_of_the_room(omnilab_in, tmp_path):
@@ -26,7 +18,7 @@ def test_positions_between_the_places_of_the_room(omnilab_in, tmp_path):
     arguments = ["study.extent_m=[2,2]", "study.query_count=60", "study.show=1", "sensor.samples=1"]
     result = omnilab_in(tmp_path, "experiment=grid", "localizer=interpolated", *arguments)
     assert result.rc == 0, result.stderr
-    metrics = metrics_of(tmp_path / "logs" / "latest")
+    metrics = load_run(tmp_path / "logs" / "latest").metrics
     assert metrics["position_error_median"] < 0.15 * 0.2
     assert metrics["heading_error_median"] < 0.5
 
@@ -37,12 +29,12 @@ def test_maps_grow_over_steps_and_worlds(omnilab_in, tmp_path):
     result = omnilab_in(tmp_path, "experiment=large_map", *arguments)
     assert result.rc == 0, result.stderr
     folder = tmp_path / "logs" / "latest"
-    rows = rows_of(folder / "maps.csv")
+    rows = load_run(folder).table("maps")
     assert [row["localizer"] for row in rows] == ["exhaustive", "hierarchical", "one"] * 4
     places = [int(row["places"]) for row in rows[::3]]
     assert places == sorted(set(places))
     assert places[2] == 2 * places[1]  # the same world twice
-    metrics = metrics_of(folder)
+    metrics = load_run(folder).metrics
     assert metrics["places_most"] == places[-1]
     assert metrics["agreement_hierarchical"] >= metrics["agreement_one"]
     assert metrics["compared_one"] < metrics["compared_hierarchical"] < metrics["compared_exhaustive"] == places[-1]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import pytest
+
+from omnilab.logbook import load_run
 
 pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
 
@@ -14,11 +15,6 @@ SMALL = [
     f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1", "descriptors.radon.offsets=48",
     "descriptors.radon.angles=60", "descriptors.radon_gist.offsets=48", "descriptors.radon_gist.angles=60",
 ]  # fmt: skip
-
-
-def rows_of(file):
-    with file.open(newline="") as stream:
-        return list(csv.DictReader(stream))
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +29,7 @@ def test_linearity_ends_in_one_table(omnilab_in, here):
     result = omnilab_in(here, "experiment=linearity", *SMALL, *arguments)
     assert result.rc == 0, result.stderr
     folder = here / "logs" / "latest"
-    rows = rows_of(folder / "linearity.csv")
+    rows = load_run(folder).table("linearity")
     pairs = {(row["descriptor"], row["distance"]) for row in rows}
     assert {("radon", "poc"), ("gist", "pearson"), ("fourier_signature_4", "weighted")} <= pairs
     assert not {("gist", "poc"), ("fourier_signature", "poc"), ("rotational_pca", "poc_band")} & pairs
@@ -49,7 +45,7 @@ def test_cost_says_how_long_it_took(omnilab_in, here):
     result = omnilab_in(here, "experiment=cost", *SMALL, *arguments)
     assert result.rc == 0, result.stderr
     folder = here / "logs" / "latest"
-    rows = {row["contestant"]: row for row in rows_of(folder / "times.csv")}
+    rows = {row["contestant"]: row for row in load_run(folder).table("times")}
     assert len(rows) == 8
     assert all(float(row["describe_ms"]) > 0 and float(row["query_ms"]) > 0 for row in rows.values())
     assert float(rows["rotational_pca"]["fit_s"]) > 0

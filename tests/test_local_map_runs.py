@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import pytest
+
+from omnilab.logbook import load_run
 
 pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
 
 WORLD = Path(__file__).with_name("box_world.yaml")
 SMALL = [f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1"]
-
-
-def rows_of(file):
-    with file.open(newline="") as stream:
-        return list(csv.DictReader(stream))
 
 
 @pytest.fixture(scope="module")
@@ -30,11 +26,11 @@ def test_local_maps_end_in_tables(omnilab_in, here):
     result = omnilab_in(here, "experiment=local_map", *SMALL, *radon, *arguments)
     assert result.rc == 0, result.stderr
     folder = here / "logs" / "latest"
-    rows = rows_of(folder / "local_maps.csv")
+    rows = load_run(folder).table("local_maps")
     made = {(row["contestant"], row["localizer"]) for row in rows}
     assert made == {(c, m) for c in ("radon + poc_band", "fourier_signature + cityblock") for m in ("spring", "smacof")}
     assert all(0 < float(row["median_m"]) < 2 and 0 < float(row["stress"]) < 1 for row in rows)
-    assert len(rows_of(folder / "errors.csv")) == len(rows) * 12 * 2
+    assert len(load_run(folder).table("errors")) == len(rows) * 12 * 2
     files = ("times.csv", "errors_spring.png", "errors_smacof.png", "times.png", "maps.png", "run.rrd", "run.mcap")
     assert all((folder / name).stat().st_size > 0 for name in files)
 
@@ -45,7 +41,7 @@ def test_topological_maps_end_in_a_table(omnilab_in, here):
     result = omnilab_in(here, "experiment=topological_map", *SMALL, *arguments)
     assert result.rc == 0, result.stderr
     folder = here / "logs" / "latest"
-    rows = rows_of(folder / "topological_maps.csv")
+    rows = load_run(folder).table("topological_maps")
     assert {row["contestant"] for row in rows} == {
         "radon + poc_band", "radon + cityblock", "fourier_signature + cityblock"
     }  # fmt: skip

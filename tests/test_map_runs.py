@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from omnilab.logbook import load_run
 from omnilab.maps import load_places
 
 pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
@@ -18,15 +18,6 @@ SENSOR = [f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1"]
 MAP = ["experiment=map", "study.step_m=0.5", "study.show=2", *SENSOR]
 RADON = ["descriptor.offsets=48", "descriptor.angles=60"]
 ASK = ["experiment=localize", "study.query_count=20", "study.show=2", *SENSOR]
-
-
-def rows_of(file):
-    with file.open(newline="") as stream:
-        return list(csv.DictReader(stream))
-
-
-def metrics_of(folder):
-    return {row["metric"]: float(row["value"]) for row in rows_of(folder / "metrics.csv")}
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +41,7 @@ def made(omnilab_in, here):
 
 def test_a_map_run_keeps_its_map(made):
     places = load_places(made["radon"] / "map.npz")
-    metrics = metrics_of(made["radon"])
+    metrics = load_run(made["radon"]).metrics
     assert len(places) == metrics["places"] > 30
     assert metrics["step"] == pytest.approx(0.5)
     assert metrics["bytes_per_place"] == 4 * 48 * 60
@@ -62,7 +53,7 @@ def test_the_map_brings_its_descriptor_and_what_it_learnt(omnilab_in, here, made
     result = omnilab_in(here, *ASK, f"map={made[which]}")
     assert result.rc == 0, result.stderr
     folder = here / "logs" / "latest"
-    metrics = metrics_of(folder)
+    metrics = load_run(folder).metrics
     assert metrics["nearest_rate"] + metrics["second_rate"] > 0.6
     manifest = json.loads((folder / "manifest.json").read_text())
     assert manifest["components"]["descriptor"]["name"] == {"radon": "radon", "pca": "rotational_pca"}[which]
@@ -74,9 +65,9 @@ def test_it_answers_as_the_grid_study_does(omnilab_in, here, made):
     folder = here / "logs" / "latest"
     grid = ["experiment=quickstart", "study.step_m=0.5", "study.query_count=20", "study.show=2", *SENSOR, *RADON]
     assert omnilab_in(here, *grid).rc == 0
-    expected = metrics_of(folder)
+    expected = load_run(folder).metrics
     assert omnilab_in(here, *ASK, f"map={made['radon']}").rc == 0
-    found = metrics_of(folder)
+    found = load_run(folder).metrics
     shared = {"nearest_rate", "position_error_mean", "heading_error_mean", "recall_at_5", "average_precision"}
     assert {name: found[name] for name in shared} == {name: expected[name] for name in shared}
 
@@ -87,7 +78,7 @@ def test_repeat_localises_in_the_same_map(omnilab_in, here, made):
     result = omnilab_in(here, "repeat", str(folder))
     assert result.rc == 0, result.stderr
     assert (here / "logs" / "latest").resolve() != folder
-    assert metrics_of(here / "logs" / "latest") == metrics_of(folder)
+    assert load_run(here / "logs" / "latest").metrics == load_run(folder).metrics
 
 
 def test_another_distance_may_be_chosen_and_another_descriptor_not(omnilab_in, here, made):
@@ -129,13 +120,13 @@ def test_recorded_queries_without_positions_are_answered(omnilab_in, here, made,
         f"map={made['radon']}",
     ]
     assert omnilab_in(here, *ask).rc == 0
-    truth = {row["key"]: row for row in rows_of(here / "logs/latest/queries.csv")}
+    truth = {row["key"]: row for row in load_run(here / "logs/latest").table("queries")}
     (data / "positions.csv").rename(tmp_path / "kept.csv")
     result = omnilab_in(here, *ask)
     assert result.rc == 0, result.stderr
-    answers = rows_of(here / "logs/latest/answers.csv")
+    answers = load_run(here / "logs/latest").table("answers")
     assert len(answers) == len(truth) == 6
-    assert metrics_of(here / "logs/latest")["queries"] == 6
+    assert load_run(here / "logs/latest").metrics["queries"] == 6
     for row in answers:  # the same answers, only that nobody knows whether they are right
         known = next(known for known in truth.values() if known["query"] == row["query"])
         assert {name: row[name] for name in ("place", "answer_x_m", "distance")} == {

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from omnilab.logbook import load_run
+
 pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
 
 WORLD = Path(__file__).with_name("box_world.yaml")
@@ -18,25 +20,22 @@ SIZES = [f"descriptors.{name}.{size}" for name in ("poc_band", "radon_gist") for
 RADON = ["descriptor.offsets=48", "descriptor.angles=60"]
 
 
-def rows_of(file):
-    with file.open(newline="") as stream:
-        return list(csv.DictReader(stream))
-
-
 @pytest.fixture(scope="module")
 def here(tmp_path_factory):
     return tmp_path_factory.mktemp("room")
 
 
 def check_maps(folder, places):
-    rows = rows_of(folder / "local_maps.csv")
+    rows = load_run(folder).table("local_maps")
     assert {(row["contestant"], row["localizer"]) for row in rows} == {
         (name, maker) for name in ("poc_band", "radon_gist") for maker in ("spring", "smacof")
     }
-    assert {row["places"] for row in rows_of(folder / "times.csv")} == {str(places)}
+    assert {row["places"] for row in load_run(folder).table("times")} == {str(places)}
     assert all(0 < float(row["median_m"]) <= float(row["p95_m"]) for row in rows)
     starts = [
-        row for row in rows_of(folder / "errors.csv") if (row["contestant"], row["localizer"]) == ("poc_band", "spring")
+        row
+        for row in load_run(folder).table("errors")
+        if (row["contestant"], row["localizer"]) == ("poc_band", "spring")
     ]
     assert len({row["error_m"] for row in starts}) > 5, "other starts, other maps"
     return rows
@@ -65,7 +64,7 @@ def recorded(omnilab_in, here):
         "tests": ["study.layout=random", "study.count=6", "study.extent_m=[0.9, 0.9]"],
     }.items():
         assert omnilab_in(here, "experiment=render", f"study.folder={here / name}", *arguments, *SENSOR).rc == 0
-    rows = rows_of(here / "places" / "positions.csv")
+    rows = list(csv.DictReader((here / "places/positions.csv").read_text().splitlines()))
     x, y = (np.array([float(row[axis]) for row in rows]) for axis in ("x_m", "y_m"))
     column, line = (np.rint((a - a.min()) / 0.3).astype(int) for a in (x, y))
     (here / "original").mkdir()

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import pytest
+
+from omnilab.logbook import load_run
 
 pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
 
@@ -24,11 +25,6 @@ SMALL = [
 ]
 
 
-def rows_of(file):
-    with file.open(newline="") as stream:
-        return list(csv.DictReader(stream))
-
-
 @pytest.fixture(scope="module")
 def run(omnilab_in, tmp_path_factory):
     here = tmp_path_factory.mktemp("steps")
@@ -38,7 +34,7 @@ def run(omnilab_in, tmp_path_factory):
 
 
 def test_a_row_for_every_step_contestant_and_kind_of_headings(run):
-    rows = rows_of(run / "steps.csv")
+    rows = load_run(run).table("steps")
     assert [(row["step_m"], row["headings"], row["contestant"]) for row in rows] == [
         (step, headings, name)
         for step in ("0.5", "1.0")
@@ -50,22 +46,22 @@ def test_a_row_for_every_step_contestant_and_kind_of_headings(run):
 
 def test_each_contestant_has_the_distance_of_its_name(run):
     """Beside their names they are the same descriptor: what differs is the distance."""
-    rows = {(row["contestant"], row["step_m"], row["headings"]): row for row in rows_of(run / "steps.csv")}
+    rows = {(row["contestant"], row["step_m"], row["headings"]): row for row in load_run(run).table("steps")}
     errors = [
         [rows[name, "0.5", "any"][f"heading_error_{s}_deg"] for s in ("mean", "median")] for name in ("poc", "poc_band")
     ]
     assert errors[0] != errors[1]
-    assert {row["heading_error_mean_deg"] for row in rows_of(run / "steps.csv") if row["contestant"] == "radon_gist"}
+    assert {row["heading_error_mean_deg"] for row in load_run(run).table("steps") if row["contestant"] == "radon_gist"}
 
 
 def test_coarser_maps_have_fewer_places(run):
-    places = {row["step_m"]: int(row["places"]) for row in rows_of(run / "steps.csv")}
+    places = {row["step_m"]: int(row["places"]) for row in load_run(run).table("steps")}
     assert places["0.5"] > 3 * places["1.0"] > 0
 
 
 def test_figures_and_times(run):
     assert {"success.png", "heading_error.png", "run.rrd", "run.mcap"} <= {file.name for file in run.iterdir()}
-    assert all(float(row["locate_ms"]) > 0 for row in rows_of(run / "times.csv"))
+    assert all(float(row["locate_ms"]) > 0 for row in load_run(run).table("times"))
 
 
 @pytest.mark.parametrize(

@@ -37,9 +37,8 @@ CHEST_M = ((0.6, 1.4), (0.25, 0.75))  # x and y of the solid in the world, 5 cm 
 COLORS = ("nearest", "second", "wrong")
 
 
-def rows_of(file: Path) -> list[dict[str, str]]:
-    with file.open(newline="", encoding="utf-8") as stream:
-        return list(csv.DictReader(stream))
+def summary_of(sweep: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader((sweep / "summary.csv").read_text(encoding="utf-8").splitlines()))
 
 
 @pytest.fixture(scope="module")
@@ -62,12 +61,12 @@ def folder(command, here):
 
 @pytest.fixture(scope="module")
 def metrics(folder):
-    return {row["metric"]: float(row["value"]) for row in rows_of(folder / "metrics.csv")}
+    return load_run(folder).metrics
 
 
 @pytest.fixture(scope="module")
 def queries(folder):
-    return rows_of(folder / "queries.csv")
+    return load_run(folder).table("queries")
 
 
 # --------------------------------------------------------------------------------------------------- one run
@@ -136,7 +135,7 @@ def test_runs_lists_it(folder, here, metrics, omnilab_here, monkeypatch):
 
 
 def test_costs_are_positive_and_the_stages_fit_into_the_whole(folder):
-    costs = {row["cost"]: (float(row["value"]), row["unit"]) for row in rows_of(folder / "cost.csv")}
+    costs = {row["cost"]: (float(row["value"]), row["unit"]) for row in load_run(folder).table("cost")}
     assert costs["peak memory"][1] == "MiB"
     assert costs["peak memory"][0] > 30
     seconds = {name: value for name, (value, unit) in costs.items() if unit == "s"}
@@ -234,7 +233,7 @@ def test_sharpness_and_bytes(metrics, queries):
 
 
 def test_units(folder):
-    units = {row["metric"]: row["unit"] for row in rows_of(folder / "metrics.csv")}
+    units = {row["metric"]: row["unit"] for row in load_run(folder).table("metrics")}
     assert units["nearest_rate"] == units["places"] == "1"
     assert units["position_error_mean"] == "m"
     assert units["heading_error_p95"] == "deg"
@@ -286,7 +285,7 @@ def test_a_sweep_has_a_folder_for_each_job(sweep):
 @pytest.mark.slow
 def test_the_summary_holds_overrides_and_metrics_of_each_job(sweep):
     _, folder = sweep
-    summary = rows_of(folder / "summary.csv")
+    summary = summary_of(folder)
     assert [(row["study.step_m"], row["distance"]) for row in summary] == [
         ("1.0", "poc"), ("1.0", "poc_band"), ("1.5", "poc"), ("1.5", "poc_band")
     ]  # fmt: skip
@@ -305,7 +304,7 @@ def test_the_summary_is_printed(sweep):
     title, header, _, *lines = result.stdout.splitlines()
     assert title == f"logs/quickstart/{folder.name}/summary.csv"
     assert header.split() == ["job", "study.step_m", "distance", "status", "nearest_rate", "second_rate", "wrong_rate"]
-    for row, line in zip(rows_of(folder / "summary.csv"), lines, strict=False):
+    for row, line in zip(summary_of(folder), lines, strict=False):
         printed = [f"{float(row[name]):.6g}" if "_" in name else row[name] for name in header.split()]
         assert line.split() == printed
 
@@ -331,7 +330,7 @@ def test_a_failing_job_does_not_stop_the_others(omnilab_here, tmp_path):
     assert "height 9 m" in jobs[2].status["error"]
     assert "height 9 m" in (jobs[2].folder / "run.log").read_text()
     assert not jobs[2].metrics
-    assert [row["status"] for row in rows_of(folder / "summary.csv")] == [job.state for job in jobs]
+    assert [row["status"] for row in summary_of(folder)] == [job.state for job in jobs]
 
 
 # --------------------------------------------------------------------------------------------------- as a library
