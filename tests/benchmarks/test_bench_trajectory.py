@@ -16,6 +16,7 @@ import pytest
 
 from omnilab.api import Frames, NamedPath, Parts, Plan
 from omnilab.record import Recorder
+from omnilab.run import pinned
 from omnilab_appearance import PlanarEpipolar, Verified
 from omnilab_mcap import McapSink
 from omnilab_mirror import Mirror
@@ -67,7 +68,7 @@ def test_one_more_image(benchmark, lap, tmp_path: Path, nodes, pause):
     count = nodes + 60
     T = there.T_world_camera[order[np.arange(count) % LAP]]
     parts = Parts(odometry=PlanarEpipolar(), loop_closure=Verified(pause=pause), backend=GtsamIsam2())
-    with Recorder({"rerun": RerunSink(), "mcap": McapSink()}, tmp_path) as record:
+    with pinned(1), Recorder({"rerun": RerunSink(), "mcap": McapSink()}, tmp_path) as record:  # as runs are
         way = Way(parts, Plan([str(i) for i in range(count)], T), record, show=count, gap=3.0)
         rng = np.random.default_rng(0)
         for node in range(nodes):
