@@ -1,7 +1,19 @@
 """Experiments in omnidirectional vision: the names a plugin author needs."""
 
-from omnilab.api import Frames, Match, Metric, Report, Signatures
-from omnilab.hooks import hookimpl
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from omnilab.api import Frames, Match, Metric, Report, Signatures
+    from omnilab.hooks import hookimpl
 
 __all__ = ["Frames", "Match", "Metric", "Report", "Signatures", "hookimpl"]
 __version__ = "0.1.0"
+
+
+def __getattr__(name: str) -> Any:
+    """Imported when they are asked for: the command guards itself against Ctrl-C before it imports anything large."""
+    if name not in __all__:
+        raise AttributeError(f"module 'omnilab' has no attribute {name!r}")
+    from omnilab import api, hooks
+
+    return getattr(hooks if name == "hookimpl" else api, name)

@@ -5,16 +5,15 @@ from __future__ import annotations
 import argparse
 import inspect
 import re
-import signal
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import fields
 from importlib.resources import files
 from pathlib import Path
 
 from omnilab import hooks
 from omnilab.errors import ConfigError, DataError, OmnilabError, did_you_mean
+from omnilab.interrupts import uninterrupted
 from omnilab.logbook import KILLED, RUNNING, LoadedRun, Logbook, find_runs, load_run, new_folder_name
 from omnilab.registry import KINDS, Registry, discover
 from omnilab.terminal import headline, print_error, print_table, short, show_run
@@ -57,7 +56,7 @@ def _dispatch(argv: list[str]) -> int:
         return 0
     if argv and re.fullmatch(r"[a-z]+", argv[0]):
         return _plugins_command(argv[0])(argv[1:])
-    with _uninterrupted():
+    with uninterrupted():
         from omnilab.experiment import experiment
 
         registry = discover_loudly()
@@ -78,23 +77,6 @@ def _help(registry: Registry) -> int:
         )
     )
     return 0
-
-
-@contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Ctrl-C waits until all is imported: libraries with a bare `except` would swallow it there."""
-    came: list[int] = []
-    try:
-        before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
-    except ValueError:  # not in the main thread: whoever runs us there has signals in hand
-        yield
-        return
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-    if came:
-        raise KeyboardInterrupt
 
 
 def _plugins_command(name: str) -> hooks.Command:

@@ -44,7 +44,9 @@ class Recorder:
             threading.Thread(target=self._keep_flushed, name="omnilab-flush", daemon=True).start()
         return self
 
-    def __exit__(self, *exc: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is KeyboardInterrupt:
+            self._interrupted = False  # it has been heard
         self._stop.set()
         with self._whole():
             for name, sink in list(self.sinks.items()):
@@ -63,10 +65,12 @@ class Recorder:
                 self._attempt(name, lambda sink=sink: sink.write(path, record, tick))  # type: ignore[misc]
 
     def interrupt(self, *_: object) -> None:
-        """A signal handler: KeyboardInterrupt at once, or as soon as the record being written is whole."""
-        if self._writing:
-            self._interrupted = True
-        else:
+        """A signal handler: KeyboardInterrupt at once, or as soon as the record being written is whole.
+
+        Should a library swallow it, the next record raises it again.
+        """
+        self._interrupted = True
+        if not self._writing:
             raise KeyboardInterrupt
 
     @contextmanager
@@ -79,7 +83,6 @@ class Recorder:
             finally:
                 self._writing = False
         if self._interrupted:
-            self._interrupted = False
             raise KeyboardInterrupt
 
     def track(self, items: Iterable[T], stage: str, total: int, size: Callable[[Any], int] = len) -> Iterator[T]:

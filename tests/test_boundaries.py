@@ -32,7 +32,7 @@ CONTRACT = {
     "trajectory_files",
 }  # "": omnilab itself
 LAYERS = (  # a module of omnilab imports from the layers before its own
-    {"api", "errors", "geometry", "hooks"},
+    {"api", "errors", "geometry", "hooks", "interrupts"},
     {"cameras", "distortion", "graphs"},
     {"graph_files", "trajectories", "trajectory_files"},
     {"lenses", "mirrors"},
@@ -44,6 +44,7 @@ LAYERS = (  # a module of omnilab imports from the layers before its own
     {"run", "terminal", "testing"},
     {"experiment"},
     {"cli"},
+    {"__main__"},
 )
 THIRD_PARTY = {  # which modules of omnilab may import what, beside numpy
     "hydra": {"registry", "run", "experiment"},

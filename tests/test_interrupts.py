@@ -236,3 +236,20 @@ def test_ctrl_c_that_a_library_would_swallow_is_not_lost(monkeypatch):
     with pytest.raises(SystemExit) as ended:
         cli.main(["experiment=quickstart"])
     assert ended.value.code == 130
+
+
+def test_ctrl_c_while_libraries_are_imported_ends_the_command():
+    """Many of them would swallow it, or make another error of it."""
+    script = """
+import os, signal, sys
+from omnilab.__main__ import main
+assert "numpy" not in sys.modules
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == "numpy":
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Finder())
+main()
+"""
+    ended = subprocess.run([sys.executable, "-c", script], check=False, capture_output=True, text=True)
+    assert (ended.returncode, ended.stderr) == (130, "")

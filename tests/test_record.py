@@ -1,5 +1,6 @@
 """The recorder: who gets what, and what a failing sink costs."""
 
+import contextlib
 import threading
 from dataclasses import dataclass
 
@@ -99,3 +100,12 @@ def test_an_interrupt_waits_until_the_record_is_whole():
     assert other.events[-1] == "close"
     with pytest.raises(KeyboardInterrupt):
         recorder.interrupt()  # and between records it is immediate
+
+
+def test_an_interrupt_that_a_library_swallows_is_raised_by_the_next_record():
+    record = Recorder({"s": Memory()})
+    with contextlib.suppress(BaseException):  # what some libraries do
+        record.interrupt()
+    with pytest.raises(KeyboardInterrupt), record:
+        record.log("log", Text("one more"))
+    record.log("log", Text("all is closed"))

@@ -1,0 +1,21 @@
+"""The command `omnilab`, which is also `python -m omnilab`."""
+
+from __future__ import annotations
+
+import sys
+
+from omnilab.interrupts import uninterrupted
+
+
+def main() -> None:
+    """Import the command line, then do as it says."""
+    try:
+        with uninterrupted():
+            from omnilab.cli import main as command
+    except KeyboardInterrupt:
+        sys.exit(130)
+    command()
+
+
+if __name__ == "__main__":
+    main()
