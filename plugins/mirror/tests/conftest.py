@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+import trimesh
 
 SMALL = """\
 map_m: [2, 2]
@@ -37,3 +38,14 @@ def write(tmp_path):
         return str(tmp_path / name)
 
     return write
+
+
+@pytest.fixture
+def save(tmp_path):
+    """Writes a mesh of the given arguments of trimesh.Trimesh and returns its path."""
+
+    def save(name: str, **arguments) -> str:
+        trimesh.Trimesh(**arguments, process=False).export(tmp_path / name)
+        return str(tmp_path / name)
+
+    return save

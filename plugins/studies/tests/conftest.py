@@ -1,4 +1,4 @@
-"""Plain parts for studies that compare descriptors."""
+"""Plain parts for studies: of descriptors, of maps, of trajectories."""
 
 from __future__ import annotations
 
@@ -7,10 +7,23 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
-from omnilab.api import Arrangement, Circle, Frames, GridPoses, Match, PathPoses, Plan, RandomPoses, Signatures
+from omnilab.api import (
+    Arrangement,
+    Circle,
+    Frames,
+    GridPoses,
+    Match,
+    Optimized,
+    PathPoses,
+    Plan,
+    RandomPoses,
+    Signatures,
+)
 from omnilab.errors import DataError
 from omnilab.geometry import heading_of, planar_poses
+from omnilab.graphs import chi2, edge_chi2, residuals
 from omnilab.projection import ImageCircle
 
 CAMERA = ImageCircle(16, 16, Circle(7.5, 7.5, 8))
@@ -155,7 +168,47 @@ class Shaken(Scaling):
         return replace(made, position=made.position + 5 * rng.standard_normal((distance.shape[1], 2)))
 
 
-@pytest.fixture
+@dataclass
+class Least:
+    """The least squares of scipy; online, each guess is believed."""
+
+    def optimize(self, graph, covariances=False):
+        roots = np.linalg.cholesky(graph.information)
+
+        def off(x):
+            poses = np.concatenate([graph.poses[:1], x.reshape(-1, 3)])
+            return np.einsum("eji,ej->ei", roots, residuals(graph, poses)).ravel()
+
+        found = least_squares(off, graph.poses[1:].ravel())
+        poses = np.concatenate([graph.poses[:1], found.x.reshape(-1, 3)])
+        weights = (edge_chi2(graph, poses) < 1e6).astype(float)
+        return Optimized(poses, chi2(graph), chi2(graph, poses), found.nfev, weights)
+
+    def begin(self, first_pose):
+        return Chain([first_pose])
+
+
+class Chain:
+    def __init__(self, poses):
+        self.all = poses
+
+    def add(self, pose, edges, motions, information):
+        assert edges.max() == len(self.all)
+        assert np.linalg.eigvalsh(information).min() > 0
+        self.all.append(pose)
+        return []
+
+    def pose(self, number):
+        return self.all[number]
+
+    def poses(self):
+        return np.array(self.all)
+
+
+@pytest.fixture(scope="session")
 def plain():
     """The classes above, by name."""
-    return {c.__name__: c for c in (Floor, Painted, Shifting, Blind, Taught, Apart, Turning, Picky, Scaling, Shaken)}
+    return {
+        c.__name__: c
+        for c in (Floor, Painted, Shifting, Blind, Taught, Apart, Turning, Picky, Scaling, Shaken, Least, Chain)
+    }

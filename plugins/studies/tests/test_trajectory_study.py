@@ -1,4 +1,4 @@
-"""The study of trajectories on plain parts: mapping image by image, bridges, unknown scales, judging, exports."""
+"""The study of trajectories on plain parts: mapping image by image, bridges, judging, exports."""
 
 from __future__ import annotations
 
@@ -7,9 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from scipy.optimize import least_squares
 
 from omnilab.api import (
     Circle,
@@ -19,30 +16,25 @@ from omnilab.api import (
     Image,
     Motion,
     NamedPath,
-    Optimized,
     Parts,
     PathPoses,
     Plan,
     Pose,
-    PoseGraph,
     Text,
     Unusable,
 )
 from omnilab.errors import ConfigError, DataError
-from omnilab.geometry import heading_of, planar_poses, wrap_angle
+from omnilab.geometry import planar_poses, wrap_angle
 from omnilab.graph_files import read_graph
-from omnilab.graphs import between, chi2, edge_chi2, inverse, matrices, moved, residuals, vectors
+from omnilab.graphs import inverse, matrices, vectors
 from omnilab.projection import ImageCircle
 from omnilab.record import Recorder
 from omnilab.testing import check_study
 from omnilab.trajectory_files import read_trajectory
 from omnilab_studies import Trajectory
-from omnilab_studies.displacements import drawn
 from omnilab_studies.loops import judge
 from omnilab_studies.mapper import Mapper
-from omnilab_studies.scales import optimize
 from omnilab_studies.sources import Source
-from omnilab_studies.trajectory import jittered
 
 CAMERA = ImageCircle(16, 16, Circle(7.5, 7.5, 8))
 LAP = 24
@@ -135,43 +127,6 @@ class Seen:
         return Closures(np.array(nodes, int), np.zeros((count, 3)), spread, np.zeros(count), count)
 
 
-@dataclass
-class Least:
-    """The least squares of scipy; online, each guess is believed."""
-
-    def optimize(self, graph, covariances=False):
-        roots = np.linalg.cholesky(graph.information)
-
-        def off(x):
-            poses = np.concatenate([graph.poses[:1], x.reshape(-1, 3)])
-            return np.einsum("eji,ej->ei", roots, residuals(graph, poses)).ravel()
-
-        found = least_squares(off, graph.poses[1:].ravel())
-        poses = np.concatenate([graph.poses[:1], found.x.reshape(-1, 3)])
-        weights = (edge_chi2(graph, poses) < 1e6).astype(float)
-        return Optimized(poses, chi2(graph), chi2(graph, poses), found.nfev, weights)
-
-    def begin(self, first_pose):
-        return Chain([first_pose])
-
-
-class Chain:
-    def __init__(self, poses):
-        self.all = poses
-
-    def add(self, pose, edges, motions, information):
-        assert edges.max() == len(self.all)
-        assert np.linalg.eigvalsh(information).min() > 0
-        self.all.append(pose)
-        return []
-
-    def pose(self, number):
-        return self.all[number]
-
-    def poses(self):
-        return np.array(self.all)
-
-
 class Watching(Recorder):
     """Keeps what is logged."""
 
@@ -186,24 +141,36 @@ class Watching(Recorder):
         return [(record, tick) for at, record, tick in self.logged if at == path]
 
 
-def parts(**changed):
-    ready = {"sensor": Ring(), "odometry": Told(), "loop_closure": Everything(), "backend": Least()}
-    return Parts(**{**ready, **changed})
+@pytest.fixture
+def parts(plain):
+    """`parts(sensor=..., backend=...)`: plain parts, but for those that are given."""
+
+    def parts(**changed):
+        ready = {"sensor": Ring(), "odometry": Told(), "loop_closure": Everything(), "backend": plain["Least"]()}
+        return Parts(**{**ready, **changed})
+
+    return parts
 
 
-def run(study=None, record=None, seed=3, **changed):
-    return (study or Trajectory()).run(parts(**changed), record or Recorder(), np.random.default_rng(seed))
+@pytest.fixture
+def run(parts):
+    """`run(study, record, seed=3, backend=...)`: the report of a study of plain parts."""
+
+    def run(study=None, record=None, seed=3, **changed):
+        return (study or Trajectory()).run(parts(**changed), record or Recorder(), np.random.default_rng(seed))
+
+    return run
 
 
 def values(report):
     return {metric.name: metric.value for metric in report.metrics}
 
 
-def test_it_keeps_the_contract_of_studies():
+def test_it_keeps_the_contract_of_studies(parts):
     check_study(Trajectory(jitter=0.1), parts(odometry=Told(noise=0.02)))
 
 
-def test_true_motions_make_the_true_way_whatever_their_unit():
+def test_true_motions_make_the_true_way_whatever_their_unit(run):
     for told, scale in ((Told(), 1.0), (Told(2.5, "1"), 1 / 2.5)):
         found = values(run(odometry=told))
         assert found["ate"] == pytest.approx(0, abs=1e-6)
@@ -216,13 +183,13 @@ def test_true_motions_make_the_true_way_whatever_their_unit():
         assert (found["images"], found["bridged_steps"], found["problems"]) == (LAP + 2, 0, 0)
 
 
-def test_loops_mend_what_odometry_spoils():
+def test_loops_mend_what_odometry_spoils(run):
     found = values(run(odometry=Told(noise=0.03)))
     assert found["ate"] < found["odometry_ate"]
     assert found["online_ate"] <= found["odometry_ate"] * 1.01
 
 
-def test_a_mirrored_way_is_not_aligned():
+def test_a_mirrored_way_is_not_aligned(run):
     @dataclass
     class Mirrored(Told):
         def motion(self, before, now, rng):
@@ -232,7 +199,7 @@ def test_a_mirrored_way_is_not_aligned():
     assert values(run(odometry=Mirrored(), loop_closure=Everything()))["odometry_ate"] > 1
 
 
-def test_a_black_image_is_bridged_and_the_next_one_compared_with_the_last_good_one():
+def test_a_black_image_is_bridged_and_the_next_one_compared_with_the_last_good_one(run):
     record = Watching()
     report = run(record=record, sensor=Ring(black=[5]))
     found, table = values(report), report.tables["steps"]
@@ -245,7 +212,7 @@ def test_a_black_image_is_bridged_and_the_next_one_compared_with_the_last_good_o
 
 
 @pytest.mark.parametrize("sensor", [Ring(black=[0]), Ring(black=[0, 1]), Ring(black=[LAP + 1]), Ring(black=[4, 5, 6])])
-def test_black_images_anywhere_cost_no_map(sensor):
+def test_black_images_anywhere_cost_no_map(sensor, run):
     report = run(sensor=sensor)
     bridged = [i for i, why in enumerate(report.tables["steps"]["bridged"]) if why]
     assert set(sensor.black) <= set(bridged)
@@ -253,7 +220,7 @@ def test_black_images_anywhere_cost_no_map(sensor):
     assert values(report)["ate"] < 1
 
 
-def test_a_failed_step_is_bridged_by_the_last_one():
+def test_a_failed_step_is_bridged_by_the_last_one(run):
     report = run(odometry=Told(fails=[7]))
     found, table = values(report), report.tables["steps"]
     assert (found["bridged_steps"], table["bridged"][7]) == (1, "nothing matches")
@@ -261,7 +228,7 @@ def test_a_failed_step_is_bridged_by_the_last_one():
     assert found["odometry_ate"] > found["ate"]
 
 
-def test_another_odometry_bridges_what_the_own_one_cannot_tell():
+def test_another_odometry_bridges_what_the_own_one_cannot_tell(run):
     report = run(odometry=Told(2.0, "1", fails=[7, 8]), odometries={"wheels": Told()})
     found = values(report)
     assert found["bridged_steps"] == 2
@@ -269,7 +236,7 @@ def test_another_odometry_bridges_what_the_own_one_cannot_tell():
     assert found["factor_0"] == pytest.approx(0.5, rel=1e-4)
 
 
-def test_a_gap_in_time_is_bridged():
+def test_a_gap_in_time_is_bridged(run):
     stamps = [100 * i + (900 if i > 12 else 0) for i in range(LAP + 2)]
     report = run(sensor=Ring(stamps=stamps))
     why = report.tables["steps"]["bridged"]
@@ -278,7 +245,7 @@ def test_a_gap_in_time_is_bridged():
     assert values(report)["ate"] < 0.05  # what was told is the guess
 
 
-def test_images_out_of_time_order_are_refused():
+def test_images_out_of_time_order_are_refused(run):
     stamps = [100 * i for i in range(LAP + 2)]
     stamps[9] = 750
     with pytest.raises(DataError, match=r"9\.png was taken .* before the one it follows"):
@@ -286,12 +253,12 @@ def test_images_out_of_time_order_are_refused():
 
 
 @pytest.mark.parametrize("count", [0, 1])
-def test_a_sequence_of_one_image_is_refused(count):
+def test_a_sequence_of_one_image_is_refused(count, run):
     with pytest.raises(DataError, match=f"a sequence of {count} image"):
         run(sensor=Ring(count=count))
 
 
-def test_a_backend_that_takes_no_poses_as_they_come_is_refused():
+def test_a_backend_that_takes_no_poses_as_they_come_is_refused(run):
     @dataclass
     class Whole:
         def optimize(self, graph, covariances=False):
@@ -316,7 +283,7 @@ def test_settings_that_mean_nothing_are_refused(wrong, said):
         Trajectory(**wrong)
 
 
-def test_recorded_images_without_poses_are_mapped_and_not_measured():
+def test_recorded_images_without_poses_are_mapped_and_not_measured(run):
     report = run(Trajectory(images=Source.recorded), sensor=Ring(known=False))
     found = values(report)
     assert (found["images"], found["closures"]) == (LAP + 2, 2)
@@ -327,7 +294,7 @@ def test_recorded_images_without_poses_are_mapped_and_not_measured():
         run(Trajectory(images=Source.recorded, jitter=0.1), sensor=Ring())
 
 
-def test_the_way_comes_from_a_name_or_from_a_file(tmp_path):
+def test_the_way_comes_from_a_name_or_from_a_file(tmp_path, run):
     sensor = Ring()
     run(Trajectory(path="route", height_m=0.5), sensor=sensor)
     assert sensor.asked == [NamedPath("route", 0.5)]
@@ -336,7 +303,7 @@ def test_the_way_comes_from_a_name_or_from_a_file(tmp_path):
     assert values(report)["images"] == 5
 
 
-def test_the_files_read_back_as_the_trajectories_and_the_graph(tmp_path):
+def test_the_files_read_back_as_the_trajectories_and_the_graph(tmp_path, run):
     report = run(odometry=Told(2.0, "1", noise=0.02), odometries={"wheels": Told(noise=0.01)})
     for name, text in report.files.items():
         (tmp_path / name).write_text(text)
@@ -355,7 +322,7 @@ def test_the_files_read_back_as_the_trajectories_and_the_graph(tmp_path):
     assert len(report.files["final.kitti"].splitlines()) == LAP + 2
 
 
-def test_closures_flash_and_the_robot_moves_over_the_truth():
+def test_closures_flash_and_the_robot_moves_over_the_truth(run):
     record = Watching()
     run(record=record, odometry=Told(3.0, "1"))
     flashes = [(tick.step, len(r.edges)) for r, tick in record.of("closures")]
@@ -369,8 +336,10 @@ def test_closures_flash_and_the_robot_moves_over_the_truth():
     assert sum(isinstance(r, Text) and r.markdown for r, _ in record.of("summary")) == 1
 
 
-def test_a_backend_of_its_own_may_reject_wrong_closures():
-    report = run(loop_closure=Everything(wrong={12: 2}), backends={"least": Least(), "again": Least()})
+def test_a_backend_of_its_own_may_reject_wrong_closures(run, plain):
+    report = run(
+        loop_closure=Everything(wrong={12: 2}), backends={"least": plain["Least"](), "again": plain["Least"]()}
+    )
     found = values(report)
     assert found["closure_precision"] == pytest.approx(2 / 3)
     assert list(found)[:2] == ["least_ate", "again_ate"]
@@ -378,35 +347,9 @@ def test_a_backend_of_its_own_may_reject_wrong_closures():
 
 
 # ------------------------------------------------------------------------------------------------------------ its parts
-@settings(max_examples=25, deadline=None)
-@given(factor=st.floats(0.05, 20), seed=st.integers(0, 1000))
-def test_an_unknown_factor_is_found_exactly(factor, seed):
-    rng = np.random.default_rng(seed)
-    truth = np.column_stack([rng.uniform(-2, 2, (6, 2)), rng.uniform(-3, 3, 6)])
-    chain = np.column_stack([np.arange(5), np.arange(1, 6)])
-    edges = np.concatenate([chain, [[0, 3], [0, 5]]])
-    motions = between(truth, edges)
-    motions[:5, :2] /= factor
-    information = np.tile(100 * np.eye(3), (7, 1, 1))
-    information[:5, :2, :2] *= factor**2
-    graph = PoseGraph(
-        np.arange(6), truth + [0.1, -0.1, 0.05] * (np.arange(6) > 0)[:, None], edges, motions, information
-    )
-    found, factors = optimize(Least(), graph, np.array([0] * 5 + [-1] * 2), np.array([1.3 * factor]))
-    assert factors[0] == pytest.approx(factor, rel=1e-3)
-    assert found.poses[:, :2] == pytest.approx(truth[:, :2], abs=0.01)
-
-
-def test_without_unknown_factors_the_graph_is_optimised_once():
-    graph = PoseGraph(np.arange(2), np.zeros((2, 3)), np.array([[0, 1]]), np.array([[1.0, 0, 0]]), np.eye(3)[None])
-    found, factors = optimize(Least(), graph, np.array([-1]), np.array([0.7]))
-    assert found.poses[1] == pytest.approx([1, 0, 0])
-    assert factors.tolist() == [0.7]
-
-
-def test_the_mapper_tells_closures_the_usual_step_in_the_own_unit():
+def test_the_mapper_tells_closures_the_usual_step_in_the_own_unit(plain):
     sensor, memory = Ring(), Everything().begin()
-    mapper = Mapper([Told(3.0, "1"), Told()], memory, Chain([np.zeros(3)]), Recorder(), gap=3)
+    mapper = Mapper([Told(3.0, "1"), Told()], memory, plain["Chain"]([np.zeros(3)]), Recorder(), gap=3)
     for frames in sensor.frames(sensor.plan(NamedPath(""))):
         for i in range(len(frames)):
             mapper.take(frames.at(i), np.random.default_rng(0))
@@ -427,38 +370,3 @@ def test_closures_are_judged_by_where_images_were_taken():
     nothing = judge(np.zeros((0, 2), int), truth, None)
     assert np.isnan(nothing.precision)
     assert nothing.recall(np.zeros((0, 2), int)) == 0
-
-
-@settings(max_examples=30, deadline=None)
-@given(share=st.floats(0, 0.49), seed=st.integers(0, 1000))
-def test_jittered_poses_stay_on_the_way_and_in_order(share, seed):
-    shift = np.random.default_rng(seed).uniform(-share, share, 9)
-    straight = planar_poses(np.column_stack([np.arange(9.0), np.zeros(9), np.ones(9)]), 0.5 * np.arange(9.0))
-    moved_on = jittered(straight, shift)
-    at = moved_on[:, 0, 3]
-    assert at == pytest.approx(np.clip(np.arange(9) + shift, 0, 8))
-    assert (np.diff(at) > 0).all()
-    assert np.unwrap(heading_of(moved_on)) == pytest.approx(0.5 * at)  # across half a turn, too
-
-
-def test_matches_are_drawn_from_where_a_mere_turn_would_leave_them():
-    black = Frames(np.zeros((1, 16, 16), np.uint8), ["a"], np.zeros(1, int), CAMERA, np.zeros(1, int))
-    turn = 0.3
-    stays = np.array([[[1.0, 0.5], [1.0 - turn, 0.5]], [[2.0, 0.5], [2.2 - turn, 0.5]]])
-    motion = Motion(np.array([1, 0, turn]), np.eye(3), "m", "", stays, np.array([True, False]))
-    picture = drawn(black, motion)
-    red, green = (picture[:, :, channel].astype(int) for channel in (0, 1))
-    good, bad = ((one - other > 60).any(axis=0) for one, other in ((green, red), (red, green)))
-    assert np.ptp(np.flatnonzero(good)) <= 6  # no more than its dot
-    assert np.ptp(np.flatnonzero(bad)) == pytest.approx(0.2 / (2 * np.pi) * picture.shape[1], abs=4)
-    column = picture.shape[1] - 1 - (1.0 - turn) / (2 * np.pi) * picture.shape[1]
-    assert np.flatnonzero(good).mean() == pytest.approx(column, abs=1.5)  # azimuth falls to the right
-
-
-def test_the_winning_half_is_bright():
-    grey = Frames(np.full((1, 16, 16), 100, np.uint8), ["a"], np.zeros(1, int), CAMERA, np.zeros(1, int))
-    picture = drawn(grey, Motion(np.zeros(3), np.eye(3), "m", window_rad=0.0))[:, ::-1]
-    half = picture.shape[1] // 2
-    assert picture[:, :half].mean() == pytest.approx(100, abs=1)
-    assert picture[:, half:].mean() == pytest.approx(50, abs=1)
-    assert moved(np.zeros(3), np.array([1.0, 0, 0])).tolist() == [1, 0, 0]

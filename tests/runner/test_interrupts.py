@@ -22,7 +22,7 @@ from omnilab import cli
 from omnilab.registry import Registry
 
 SCRIPT = Path(sys.executable).with_name("omnilab")
-WORLD = Path(__file__).with_name("box_world.yaml")
+WORLD = Path(__file__).parents[1] / "box_world.yaml"
 ENDLESS = [  # long enough in either stage to be interrupted there
     "experiment=quickstart", f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1", "sensor.batch=8",
     "descriptor.offsets=48", "descriptor.angles=60", "study.show=1000", "study.query_count=100000",

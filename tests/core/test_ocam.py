@@ -9,7 +9,7 @@ import pytest
 from omnilab.errors import DataError
 from omnilab.projection import OCamCamera
 
-REAL = Path(__file__).resolve().parents[2] / "shared/data/ocam_fisheye_calib"
+REAL = Path(__file__).resolve().parents[3] / "shared/data/ocam_fisheye_calib"
 FILE = """#polynomial coefficients for the DIRECT mapping function (ocam_model.ss in MATLAB). These are used by cam2world
 
 5 -2.100e+02 0.000000e+00 2.6e-03 -7.7e-06 2.7e-08

@@ -1,8 +1,7 @@
-"""Descriptions on disk: the same bits as without them, never stale, and nothing on the disk that can stop a run."""
+"""Descriptions on disk: the same bits as without them, and nothing on the disk that can stop a run."""
 
 from __future__ import annotations
 
-import importlib
 import os
 import pickle
 import subprocess
@@ -10,94 +9,15 @@ import sys
 import textwrap
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-import omnilab.cache as cache_module
-import omnilab.fingerprint as fingerprint_module
 import omnilab.shelf as shelf_module
 from omnilab.cache import Cache
 from omnilab.fingerprint import fingerprint
 
 LIMIT = 10**9
-SOURCE = '''
-from dataclasses import dataclass
-import numpy as np
-from omnilab.api import Signatures
-from {name}_helper import FACTOR
-
-@dataclass
-class Rows:
-    """Means of the rows, and of the columns."""
-    power: int = 1
-    model: str = ""
-    view, color, turned, default_distance = "panorama", False, "same", "euclidean"
-    def __post_init__(self):
-        self.batches = []  # a copy counts along
-    def describe(self, images):
-        self.batches.append(len(images))
-        rows, columns = (images.mean(axis, dtype=np.float32) for axis in (2, 1))
-        return Signatures(FACTOR * rows**self.power, columns)
-
-@dataclass
-class Twin(Rows):
-    """The same under another name."""
-
-@dataclass
-class Moody(Rows):
-    """Whose signatures lie in another order in memory."""
-    def describe(self, images):
-        found = super().describe(images)
-        return Signatures(np.asfortranarray(found.place), found.heading)
-
-@dataclass
-class Secret(Rows):
-    """Which says that it must not be kept."""
-    cached = False
-
-@dataclass
-class Taught(Rows):
-    """Which learns."""
-    def fit(self, images):
-        return self
-
-    def restore(self, state):
-        return self
-'''
-
-
-@pytest.fixture
-def probe(tmp_path, monkeypatch):
-    """A package with descriptors, and a module that it imports."""
-    name = f"probe_{tmp_path.name.replace('-', '_')}"
-    package = tmp_path / "source" / name
-    package.mkdir(parents=True)
-    (package / "__init__.py").write_text(SOURCE.format(name=name))
-    (package.parent / f"{name}_helper.py").write_text("FACTOR = 2\n")
-    monkeypatch.syspath_prepend(package.parent)
-    yield importlib.import_module(name)
-    for module in (name, f"{name}_helper"):
-        del sys.modules[module]
-    forget()
-
-
-def forget():
-    """As a new process would begin."""
-    fingerprint_module._source.cache_clear()
-    fingerprint_module._processor.cache_clear()
-
-
-@pytest.fixture
-def cache(tmp_path):
-    """`cache()`: what another run would have."""
-    return lambda limit=LIMIT, threads=1: Cache(tmp_path / "cache", limit, threads)
-
-
-@pytest.fixture
-def images():
-    return np.random.default_rng(0).integers(0, 256, (10, 12, 16), dtype=np.uint8)
 
 
 def is_same(one, other):
@@ -201,94 +121,6 @@ def test_a_class_without_a_source_file_is_not_kept(probe, monkeypatch):
     assert fingerprint(probe.Rows()) is None
 
 
-# ------------------------------------------------------------------------------------- every way in which a key changes
-def made_anew(cache, descriptor, images, **settings):
-    """How many images are described."""
-    forget()
-    store = cache(**settings)
-    store.wrap(descriptor).describe(images)
-    return store.made
-
-
-@pytest.fixture
-def known(probe, cache, images, tmp_path):
-    """Descriptions by one descriptor, with a model in a file."""
-    model = tmp_path / "model.bin"
-    model.write_bytes(b"weights")
-    descriptor = probe.Rows(model=str(model))
-    assert made_anew(cache, descriptor, images) == 10
-    assert made_anew(cache, descriptor, images) == 0
-    return descriptor
-
-
-def test_a_pixel_is_part_of_the_key(known, cache, images):
-    images[3, 5, 7] ^= 1
-    assert made_anew(cache, known, images) == 1
-
-
-def test_the_shape_is_part_of_the_key(known, cache, images):
-    assert made_anew(cache, known, images.reshape(10, 16, 12)) == 10
-
-
-def test_the_type_is_part_of_the_key(known, cache, images):
-    assert made_anew(cache, known, images.view(np.int8)) == 10
-
-
-def test_a_setting_is_part_of_the_key(known, cache, images):
-    assert made_anew(cache, replace(known, power=2), images) == 10
-
-
-def test_the_content_of_a_file_that_a_setting_names_is_part_of_the_key(known, cache, images):
-    Path(known.model).write_bytes(b"weighty")
-    assert made_anew(cache, known, images) == 10
-
-
-def test_the_class_is_part_of_the_key(known, cache, images, probe):
-    assert made_anew(cache, probe.Twin(model=known.model), images) == 10
-
-
-@pytest.mark.parametrize("file", ["{0}/__init__.py", "{0}/table.csv", "{0}_helper.py"])
-def test_source_code_is_part_of_the_key(known, cache, images, probe, file):
-    """Its package, whatever the file, and what the package imports from a source tree."""
-    path = Path(probe.__file__).parent.parent / file.format(probe.__name__)
-    path.write_text((path.read_text() if path.exists() else "") + "\n# edited\n")
-    assert made_anew(cache, known, images) == 10
-
-
-def test_a_file_of_a_package_that_is_no_module_does_no_harm(known, cache, images, probe):
-    Path(probe.__file__).with_name("template.py").write_text("from {{ this }} import that")
-    assert made_anew(cache, known, images) == 10
-
-
-@pytest.mark.parametrize("name", ["numpy", "omnilab", "opencv-python-headless"])
-def test_versions_are_part_of_the_key(known, cache, images, monkeypatch, name):
-    true = fingerprint_module.version
-    monkeypatch.setattr(fingerprint_module, "version", lambda asked: "99" if asked == name else true(asked))
-    assert made_anew(cache, known, images) == 10
-
-
-def test_the_versions_of_all_that_shipped_descriptors_compute_with_are_in_their_keys():
-    from omnilab_appearance import Radon
-
-    first_words = {line.partition(" ")[0] for line in fingerprint(Radon()).splitlines()}
-    assert {"numpy", "scipy", "numba", "opencv-python-headless", "omnilab", "omnilab-appearance"} <= first_words
-
-
-@pytest.mark.parametrize("what", ["python_version", "machine"])
-def test_python_and_the_machine_are_part_of_the_key(known, cache, images, monkeypatch, what):
-    monkeypatch.setattr(fingerprint_module.platform, what, lambda: "another")
-    assert made_anew(cache, known, images) == 10
-
-
-def test_the_number_of_threads_is_part_of_the_key(known, cache, images):
-    assert made_anew(cache, known, images, threads=2) == 10
-
-
-def test_the_format_is_part_of_the_key(known, cache, images, monkeypatch):
-    monkeypatch.setattr(cache_module, "FORMAT", cache_module.FORMAT + 1)
-    assert made_anew(cache, known, images) == 10
-
-
 # ------------------------------------------------------------------------------------------------- what can go wrong
 def flip(content):
     middle = len(content) // 2
@@ -299,7 +131,9 @@ def flip(content):
     "spoil", [flip, lambda c: c[: len(c) // 2], lambda c: b"", lambda c: b"no archive at all", lambda c: c[:-30]],
     ids=["a bit", "half", "empty", "text", "no end"],
 )  # fmt: skip
-def test_a_damaged_file_counts_as_none_is_said_once_and_written_anew(probe, cache, images, tmp_path, caplog, spoil):
+def test_a_damaged_file_counts_as_none_is_said_once_and_written_anew(
+    probe, cache, images, tmp_path, caplog, spoil, made_anew
+):
     for half in (images[:5], images[5:]):
         cache().wrap(probe.Rows()).describe(half)
     files = sorted(tmp_path.glob("cache/*/*.npz"))
@@ -364,7 +198,7 @@ def test_a_file_that_vanishes_after_it_was_seen_counts_as_none(probe, cache, ima
     assert file.exists()
 
 
-def test_what_was_used_longest_ago_goes_first(probe, cache, tmp_path):
+def test_what_was_used_longest_ago_goes_first(probe, cache, tmp_path, made_anew):
     batches = np.random.default_rng(1).integers(0, 256, (4, 16, 64, 64), dtype=np.uint8)
     for batch in batches[:3]:
         cache().wrap(probe.Rows()).describe(batch)

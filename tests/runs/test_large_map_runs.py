@@ -10,7 +10,7 @@ from omnilab.logbook import load_run
 
 pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
 
-WORLD = Path(__file__).with_name("box_world.yaml")
+WORLD = Path(__file__).parents[1] / "box_world.yaml"
 
 
 def test_positions_between_the_places_of_the_room(omnilab_in, tmp_path):

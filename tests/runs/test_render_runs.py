@@ -16,7 +16,7 @@ from omnilab.geometry import heading_of, poses, rotation_xyz
 from omnilab.projection import load_camera
 
 SCRIPT = Path(sys.executable).with_name("omnilab")
-WORLD = Path(__file__).with_name("box_world.yaml")
+WORLD = Path(__file__).parents[1] / "box_world.yaml"
 SMALL = ["experiment=render", f"sensor.world={WORLD}", "sensor.size=64", "sensor.samples=1", "study.folder=set"]
 GRID = [*SMALL, "study.step_m=0.25"]
 

@@ -8,7 +8,7 @@ import pytest
 from omnilab.cli import COMMANDS
 from omnilab.registry import KINDS, discover
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 

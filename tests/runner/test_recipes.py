@@ -12,7 +12,7 @@ from omnilab.maps import save_map
 from omnilab.registry import discover
 from omnilab.run import build, named_components, resolved_yaml
 
-RECIPES = sorted(path.stem for path in (Path(__file__).parents[1] / "conf/experiment").glob("*.yaml"))
+RECIPES = sorted(path.stem for path in (Path(__file__).parents[2] / "conf/experiment").glob("*.yaml"))
 
 
 @pytest.mark.parametrize("name", RECIPES)
@@ -39,6 +39,6 @@ def test_a_recipe_is_whole(name, tmp_path):
 
 @pytest.mark.parametrize("name", RECIPES)
 def test_a_recipe_says_what_it_is(name):
-    first, second, *_ = (Path(__file__).parents[1] / f"conf/experiment/{name}.yaml").read_text().splitlines()
+    first, second, *_ = (Path(__file__).parents[2] / f"conf/experiment/{name}.yaml").read_text().splitlines()
     assert first == "# @package _global_"
     assert second.startswith("# ")

@@ -13,7 +13,7 @@ from omnilab.logbook import load_run
 
 pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
 
-WORLD = Path(__file__).with_name("box_world.yaml")
+WORLD = Path(__file__).parents[1] / "box_world.yaml"
 SENSOR = [f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1"]
 SMALL = ["experiment=changes", "study.query_count=12", "study.step_m=0.5", *SENSOR]
 RADON = ["descriptors.radon.offsets=48", "descriptors.radon.angles=60", "descriptors.radon_gist=null"]

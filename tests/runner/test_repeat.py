@@ -10,7 +10,7 @@ import pytest
 from omnilab_studies import Grid
 
 pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
-WORLD = Path(__file__).with_name("box_world.yaml")
+WORLD = Path(__file__).parents[1] / "box_world.yaml"
 SMALL = [
     "experiment=quickstart", f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1", "descriptor.offsets=48",
     "descriptor.angles=60", "study.step_m=0.5", "study.query_count=40", "study.show=2",

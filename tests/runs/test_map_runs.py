@@ -13,7 +13,7 @@ from omnilab.maps import load_places
 
 pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
 
-WORLD = Path(__file__).with_name("box_world.yaml")
+WORLD = Path(__file__).parents[1] / "box_world.yaml"
 SENSOR = [f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1"]
 MAP = ["experiment=map", "study.step_m=0.5", "study.show=2", *SENSOR]
 RADON = ["descriptor.offsets=48", "descriptor.angles=60"]

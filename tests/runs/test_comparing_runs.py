@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 
 pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
 
-WORLD = Path(__file__).with_name("box_world.yaml")
+WORLD = Path(__file__).parents[1] / "box_world.yaml"
 SMALL = (f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1", "study.side=4", "study.query_count=16")
 ROBUSTNESS = (
     "experiment=robustness", *SMALL, "descriptors.radon.offsets=48", "descriptors.radon.angles=60",

@@ -15,7 +15,7 @@ from omnilab.errors import DataError
 from omnilab.graph_files import g2o_text, read_graph, toro_text
 from omnilab.graphs import chi2, matrices
 
-DATA = Path(__file__).parents[2] / "shared/data/pose_graphs"
+DATA = Path(__file__).parents[3] / "shared/data/pose_graphs"
 VERTICES = "VERTEX_SE2 0 0 0 0\nVERTEX_SE2 4 1 0 0\nVERTEX_SE2 7 1 1 1.5\n"
 EDGES = "EDGE_SE2 0 4 1 0 0 1 0 0 1 0 1\nEDGE_SE2 4 7 0 1 1.5 2 0.5 0.25 3 0.125 4\n"
 

@@ -10,7 +10,7 @@ from omnilab.logbook import load_run
 
 pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
 
-WORLD = Path(__file__).with_name("box_world.yaml")
+WORLD = Path(__file__).parents[1] / "box_world.yaml"
 SENSOR = [f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1"]
 SIZES = [
     f"descriptors.{name}.{size}" for name in ("poc", "poc_band", "radon_gist") for size in ("offsets=48", "angles=60")

@@ -18,7 +18,7 @@ from rerun.chunk import RrdReader
 
 from omnilab.logbook import LoadedRun, load_run
 
-WORLD = Path(__file__).with_name("box_world.yaml")
+WORLD = Path(__file__).parents[1] / "box_world.yaml"
 SMALL = [
     "experiment=quickstart", f"sensor.world={WORLD}", "sensor.size=64", "sensor.samples=1", "descriptor.offsets=32",
     "descriptor.angles=60", "study.step_m=1.5", "study.query_count=8", "study.show=4",

@@ -18,7 +18,7 @@ import pytest
 
 from omnilab.testing import check_descriptor
 
-SOURCE = Path(__file__).parent / "third_party"
+SOURCE = Path(__file__).parents[1] / "third_party"
 SMALL = (
     "experiment=quickstart", "study.step_m=1.5", "study.query_count=10", "study.show=2", "sensor.size=64",
     "sensor.samples=1", "~sinks.rerun", "~sinks.mcap",
