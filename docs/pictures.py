@@ -10,9 +10,10 @@ import numpy as np
 
 from omnilab import geometry
 from omnilab.api import Bytes, PathPoses
-from omnilab.projection import UnifiedCamera, panorama, save_camera
-from omnilab.registry import discover
-from omnilab_mirror.virtual import VirtualCamera
+from omnilab.cameras import UnifiedCamera, save_camera
+from omnilab.image import panorama
+from omnilab.runner.registry import discover
+from omnilab_mirror.sensors.virtual import VirtualCamera
 
 DOCS = Path(__file__).parent
 HERE = [-1.2, -0.6, 1.1, 105.0]  # x, y, z and heading in degrees: where all cameras stand

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import sys
 
-from omnilab.interrupts import uninterrupted
+from omnilab.runner.interrupts import uninterrupted
 
 
 def main() -> None:
     """Import the command line, then do as it says."""
     try:
         with uninterrupted():
-            from omnilab.cli import main as command
+            from omnilab.runner.cli import main as command
     except KeyboardInterrupt:
         sys.exit(130)
     command()

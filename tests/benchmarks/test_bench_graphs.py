@@ -8,8 +8,8 @@ import gtsam
 import numpy as np
 import pytest
 
-from omnilab.graph_files import read_graph
-from omnilab.graphs import moved
+from omnilab.posegraph.files import read_graph
+from omnilab.posegraph.graph import moved
 from omnilab_slam import GtsamBatch, GtsamIsam2
 
 FILE = Path(__file__).parents[3] / "shared/data/pose_graphs/se_sync/manhattan.g2o"

@@ -14,8 +14,8 @@ from sklearn.manifold import MDS
 from omnilab.api import Places, Signatures
 from omnilab.geometry import planar_poses
 from omnilab_appearance import Euclidean, Smacof, Spring
-from omnilab_appearance.local_maps import Constants, stress
-from omnilab_appearance.spring import Integrator
+from omnilab_appearance.localizers.local_maps import Constants, stress
+from omnilab_appearance.localizers.spring import Integrator
 
 HALL = (22, 11)  # images of the paper's hall, 0.1 m apart
 SETS = 50

@@ -10,8 +10,8 @@ import pytest
 
 from omnilab.api import RandomPoses
 from omnilab_mirror import Mirror
-from omnilab_mirror.embree import bundles_of
-from omnilab_mirror.world import load_world
+from omnilab_mirror.render.embree import bundles_of
+from omnilab_mirror.scene.world import load_world
 
 BOOKSTORE = Path(__file__).parents[3] / "shared/data/aws_bookstore/bookstore.obj"
 IMAGES, ROUNDS = 32, 5

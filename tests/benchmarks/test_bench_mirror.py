@@ -7,7 +7,7 @@ import pytest
 
 from omnilab.api import RandomPoses
 from omnilab_mirror import Conical, Equirectangular, Mirror, Pinhole, Spherical, Stereo
-from omnilab_mirror.world import load_world
+from omnilab_mirror.scene.world import load_world
 
 IMAGES = 64
 

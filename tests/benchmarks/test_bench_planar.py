@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from omnilab.geometry import wrap_angle
-from omnilab_appearance.planar import Solver, pose_of
+from omnilab_appearance.common.relative_pose import Solver, pose_of
 
 COUNT, WRONG, NOISE_RAD, PAIRS = 300, 120, 1e-3, 200
 

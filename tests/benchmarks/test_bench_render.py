@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from omnilab.api import GridPoses
-from omnilab.projection import CylindricalCamera, HyperbolicMirror, reproject
+from omnilab.cameras import CylindricalCamera, HyperbolicMirror, reproject
 from omnilab_mirror import Mirror
-from omnilab_studies.dataset import DataSet
+from omnilab_studies.common.dataset_files import DataSet
 
 COUNT = 16
 

@@ -9,7 +9,7 @@ import pytest
 
 from omnilab.api import DistanceField, Estimate, Image, Pose, Series, Signature, Tick
 from omnilab.geometry import planar_poses
-from omnilab.projection import encode
+from omnilab.image import encode
 from omnilab_rerun import RerunSink
 
 

@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 
 from omnilab.api import Frames, NamedPath, Parts, Plan
-from omnilab.record import Recorder
-from omnilab.run import pinned
+from omnilab.runner.execute import pinned
+from omnilab.runner.recorder import Recorder
 from omnilab_appearance import PlanarEpipolar, Verified
 from omnilab_mcap import McapSink
 from omnilab_mirror import Mirror
 from omnilab_rerun import RerunSink
 from omnilab_slam import GtsamIsam2
-from omnilab_studies.way import Way
+from omnilab_studies.trajectory.mapping_run import Way
 
 LAP = 40
 EIZOH = {"size": 960, "crop": 1.0, "a_mm": 23.5, "b_mm": 80.8, "rim_mm": 64.15, "margin_px": 160}

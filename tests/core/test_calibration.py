@@ -6,8 +6,7 @@ import json
 
 import pytest
 
-from omnilab.errors import ConfigError, DataError
-from omnilab.projection import (
+from omnilab.cameras import (
     EIZOH_WIDE_70,
     CylindricalCamera,
     EquirectangularCamera,
@@ -20,6 +19,7 @@ from omnilab.projection import (
     load_camera,
     save_camera,
 )
+from omnilab.errors import ConfigError, DataError
 
 FRAME = {"width": 640, "height": 480, "cx": 320.5, "cy": 239.25}
 CAMERAS = [

@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from omnilab.api import Camera
-from omnilab.errors import ConfigError, DataError
-from omnilab.projection import (
+from omnilab.cameras import (
     EIZOH_WIDE_70,
     THESIS_HALF,
     THESIS_WHOLE,
@@ -22,9 +21,9 @@ from omnilab.projection import (
     ParabolicMirror,
     PinholeCamera,
     UnifiedCamera,
-    mirror_view,
-    panorama,
 )
+from omnilab.errors import ConfigError, DataError
+from omnilab.image import mirror_view, panorama
 
 FRAME = {"width": 640, "height": 480, "cx": 330.0, "cy": 229.0}
 MIRROR_POLYNOMIAL = (-145.0, 0.0, 2.2e-3, 1e-7)  # z = f(rho) of a mirror: the horizon at about 260 pixels

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omnilab import graph_files
 from omnilab.api import PoseGraph
 from omnilab.errors import DataError
-from omnilab.graph_files import g2o_text, read_graph, toro_text
-from omnilab.graphs import chi2, matrices
+from omnilab.posegraph import files
+from omnilab.posegraph.files import g2o_text, read_graph, toro_text
+from omnilab.posegraph.graph import chi2, matrices
 
 DATA = Path(__file__).parents[3] / "shared/data/pose_graphs"
 VERTICES = "VERTEX_SE2 0 0 0 0\nVERTEX_SE2 4 1 0 0\nVERTEX_SE2 7 1 1 1.5\n"
@@ -146,6 +146,6 @@ def test_files_of_the_wrong_kind_are_one_sentence(tmp_path, monkeypatch):
     (tmp_path / "binary.g2o").write_bytes(bytes(range(256)))
     with pytest.raises(DataError, match="is no text"):
         read_graph(tmp_path / "binary.g2o")
-    monkeypatch.setattr(graph_files, "MOST_BYTES", 10)
+    monkeypatch.setattr(files, "MOST_BYTES", 10)
     with pytest.raises(DataError, match="larger than"):
         read_graph(tmp_path / "binary.g2o")

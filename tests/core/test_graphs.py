@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from omnilab.api import PoseGraph
 from omnilab.errors import DataError
-from omnilab.graphs import (
+from omnilab.posegraph.graph import (
     arrivals,
     between,
     check_graph,

@@ -10,9 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from omnilab.api import CalibratedCamera
-from omnilab.errors import ConfigError
-from omnilab.noncentral import ConicMirror
-from omnilab.projection import (
+from omnilab.cameras import (
     ConicalMirror,
     EllipticMirror,
     HyperbolicMirror,
@@ -20,9 +18,11 @@ from omnilab.projection import (
     SphericalMirror,
     StereoCamera,
     load_camera,
-    panorama,
     save_camera,
 )
+from omnilab.cameras.noncentral import ConicMirror
+from omnilab.errors import ConfigError
+from omnilab.image import panorama
 
 size, crop, distance = st.integers(32, 400), st.floats(0.3, 1), st.floats(15, 300)
 share = st.floats(0.2, 0.75)  # of the mirror's half width that is within the rim: the camera sees at least so much

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from omnilab.cameras import OCamCamera
 from omnilab.errors import DataError
-from omnilab.projection import OCamCamera
 
 REAL = Path(__file__).resolve().parents[3] / "shared/data/ocam_fisheye_calib"
 FILE = """#polynomial coefficients for the DIRECT mapping function (ocam_model.ss in MATLAB). These are used by cam2world

@@ -6,19 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from omnilab.api import Circle
+from omnilab.cameras import HyperbolicMirror, ImageCircle, PinholeCamera
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import poses, rotation_xyz
-from omnilab.projection import (
-    HyperbolicMirror,
-    ImageCircle,
-    PinholeCamera,
-    encode,
-    mirror_view,
-    panorama,
-    point_cloud,
-    to_gray,
-    view_of,
-)
+from omnilab.image import encode, mirror_view, panorama, point_cloud, to_gray, view_of
 
 mirrors = st.builds(
     HyperbolicMirror,

@@ -7,9 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omnilab.errors import ConfigError, DataError
-from omnilab.geometry import rotation_xyz
-from omnilab.projection import (
+from omnilab.cameras import (
     CylindricalCamera,
     EquirectangularCamera,
     FisheyeCamera,
@@ -19,6 +17,8 @@ from omnilab.projection import (
     birds_eye,
     reproject,
 )
+from omnilab.errors import ConfigError, DataError
+from omnilab.geometry import rotation_xyz
 
 CAMERAS = {
     "mirror": HyperbolicMirror(180, crop=0.8),

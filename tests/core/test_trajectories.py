@@ -8,16 +8,15 @@ from scipy.spatial.transform import Rotation
 
 from omnilab.errors import DataError
 from omnilab.geometry import planar_poses, poses
-from omnilab.trajectories import (
+from omnilab.trajectory.evaluation import (
     Alignment,
     aligned,
     evaluate,
-    kitti_text,
     pairs_apart,
     path_length,
     relative_errors,
-    tum_text,
 )
+from omnilab.trajectory.files import kitti_text, tum_text
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ import ast
 import re
 import sys
 import tomllib
+from collections import Counter
 from collections.abc import Iterator
 from importlib.metadata import packages_distributions
 from pathlib import Path
@@ -13,57 +14,48 @@ from typing import Any, NamedTuple
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-CORE = sorted((ROOT / "omnilab").glob("*.py"))
+ROOT = Path(__file__).parent.parent.parent
+CORE = sorted((ROOT / "omnilab").rglob("*.py"))
 PLUGINS = sorted(path.parent for path in (ROOT / "plugins").glob("*/pyproject.toml"))
+PACKAGES = {"omnilab": ROOT / "omnilab"} | {f"omnilab_{p.name}": p / f"omnilab_{p.name}" for p in PLUGINS}
 
-CONTRACT = {
-    "",
-    "api",
-    "errors",
-    "geometry",
-    "graph_files",
-    "graphs",
-    "hooks",
-    "metrics",
-    "projection",
-    "testing",
-    "trajectories",
-    "trajectory_files",
-}  # "": omnilab itself
-LAYERS = (  # a module of omnilab imports from the layers before its own
-    {"api", "errors", "geometry", "hooks", "interrupts"},
-    {"cameras", "distortion", "graphs"},
-    {"graph_files", "trajectories", "trajectory_files"},
-    {"lenses", "mirrors"},
-    {"noncentral", "ocam", "stereo"},
-    {"calibration", "resample"},
-    {"", "console", "metrics", "projection"},
-    {"fingerprint", "logbook", "maps", "record", "registry", "shelf"},
-    {"cache"},
-    {"run", "terminal", "testing"},
-    {"experiment"},
-    {"cli"},
-    {"__main__"},
-)
+# What each part of omnilab (a module or a package at its top) may import of the others. "": omnilab itself.
+MAY_IMPORT = {
+    "errors": set[str](),
+    "geometry": set[str](),
+    "hooks": set[str](),
+    "api": set[str](),
+    "metrics": {"api", "errors", "geometry"},
+    "posegraph": {"api", "errors", "geometry"},
+    "trajectory": {"api", "errors", "geometry", "posegraph"},
+    "cameras": {"api", "errors", "geometry"},
+    "image": {"api", "errors", "cameras"},
+    "": {"api", "hooks"},
+    "runner": {"", "api", "errors", "geometry", "hooks", "image", "metrics"},
+    "testing": {"", "api", "cameras", "errors", "geometry", "image", "posegraph", "runner"},
+    "__main__": {"runner"},
+}
+CONTRACT = set(MAY_IMPORT) - {"runner", "__main__"}  # what plugins may import
 THIRD_PARTY = {  # which modules of omnilab may import what, beside numpy
-    "hydra": {"registry", "run", "experiment"},
-    "omegaconf": {"registry", "run", "experiment"},
-    "pluggy": {"hooks", "registry"},
-    "cv2": {"projection", "resample"},
-    "rich": {"cli", "console", "terminal"},
-    "threadpoolctl": {"run"},
-    "yaml": {"logbook"},
+    "hydra": {"runner.registry", "runner.config", "runner.build", "runner.hydra_app"},
+    "omegaconf": {"runner.registry", "runner.config", "runner.build", "runner.execute", "runner.hydra_app"},
+    "pluggy": {"hooks", "runner.registry"},
+    "cv2": {"image", "cameras.reproject"},
+    "rich": {"runner.cli", "runner.console_sink", "runner.terminal"},
+    "threadpoolctl": {"runner.execute"},
+    "yaml": {"runner.run_folder"},
 }
 LAZY = {"cv2", "rich", "threadpoolctl", "yaml"}  # within functions only: importing omnilab is free of work
 HEAVY = {"cv2", "gtsam", "matplotlib", "mcap", "numba", "rerun", "scipy", "skimage"}
+MOST_FILES, MOST_LINES = 20, 400  # of a folder, of a module
 
 
 class Import(NamedTuple):
-    """One import statement's module, and whether it waits for a call (or for a type checker)."""
+    """One import statement's module; whether it waits for a call or a type checker; whether for a type checker."""
 
     module: str
     lazy: bool
+    typing: bool
 
     @property
     def top(self) -> str:
@@ -73,30 +65,45 @@ class Import(NamedTuple):
 def imports(path: Path) -> Iterator[Import]:
     """Every module that a file imports; `from omnilab import api` is an import of omnilab.api."""
 
-    def visit(node: ast.AST, lazy: bool) -> Iterator[Import]:
+    def visit(node: ast.AST, lazy: bool, typing: bool) -> Iterator[Import]:
         for child in ast.iter_child_nodes(node):
             if isinstance(child, ast.Import):
-                yield from (Import(name.name, lazy) for name in child.names)
+                yield from (Import(name.name, lazy, typing) for name in child.names)
             elif isinstance(child, ast.ImportFrom):
                 assert child.level == 0, f"{path}:{child.lineno} is a relative import"
-                yield from (Import(name, lazy) for name in modules_of(child))
-            waits = isinstance(child, ast.FunctionDef) or (isinstance(child, ast.If) and typing_only(child))
-            yield from visit(child, lazy or waits)
+                yield from (Import(name, lazy, typing) for name in modules_of(child))
+            types = isinstance(child, ast.If) and typing_only(child)
+            yield from visit(child, lazy or types or isinstance(child, ast.FunctionDef), typing or types)
 
-    return visit(ast.parse(path.read_text(encoding="utf-8")), False)
+    return visit(ast.parse(path.read_text(encoding="utf-8")), False, False)
 
 
 def typing_only(node: ast.If) -> bool:
     return isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
 
 
+def file_of(module: str) -> Path | None:
+    """The file of a module of ours, `__init__.py` for a package; None of any other module."""
+    top, _, rest = module.partition(".")
+    if top not in PACKAGES:
+        return None
+    stem = PACKAGES[top].joinpath(*rest.split(".")) if rest else PACKAGES[top]
+    files = (stem / "__init__.py", stem.with_suffix(".py"))
+    return next((file for file in files if file.exists()), None)
+
+
+def module_of(path: Path) -> str:
+    """The dotted name of a file of ours."""
+    top, folder = next((top, folder) for top, folder in PACKAGES.items() if path.is_relative_to(folder))
+    parts = path.relative_to(folder).with_suffix("").parts
+    return ".".join([top, *parts]).removesuffix(".__init__")
+
+
 def modules_of(node: ast.ImportFrom) -> Iterator[str]:
-    """The modules named by a `from` import; names that are no files of omnilab are taken from the module itself."""
+    """The modules named by a `from` import; names that are no modules are taken from the module itself."""
     for name in node.names:
-        if node.module == "omnilab" and (ROOT / "omnilab" / f"{name.name}.py").exists():
-            yield f"omnilab.{name.name}"
-        else:
-            yield str(node.module)
+        within = f"{node.module}.{name.name}"
+        yield within if file_of(within) else str(node.module)
 
 
 def outside(path: Path) -> list[Import]:
@@ -104,39 +111,68 @@ def outside(path: Path) -> list[Import]:
     return [found for found in imports(path) if found.top not in sys.stdlib_module_names]
 
 
-def inner(found: Import) -> str:
+def inner(module: str) -> str:
     """A module's name within omnilab."""
-    return found.module.removeprefix("omnilab").removeprefix(".")
+    return module.removeprefix("omnilab").removeprefix(".")
+
+
+def part_of(module: str) -> str:
+    """The part of omnilab that a module belongs to: a module or a package at its top."""
+    return inner(module).partition(".")[0]
 
 
 def names(paths: list[Path]) -> list[str]:
-    return [path.stem if path.is_file() else path.name for path in paths]
+    return [module_of(path) if path.is_file() else path.name for path in paths]
 
 
 # ----------------------------------------------------------------------------------------------------------- the core
 def test_the_contract_needs_numpy_only() -> None:
-    assert {found.top for found in outside(ROOT / "omnilab/api.py")} == {"numpy"}
+    api = sorted((ROOT / "omnilab/api").glob("*.py"))
+    assert {found.top for path in api for found in outside(path)} - {"omnilab"} == {"numpy"}
 
 
 @pytest.mark.parametrize("path", CORE, ids=names(CORE))
-def test_a_module_of_the_core_imports_from_layers_before_its_own(path: Path) -> None:
-    name = path.stem.removeprefix("__init__")
-    (own,) = (i for i, layer in enumerate(LAYERS) if name in layer)
-    below: set[str] = set().union(*LAYERS[:own])
-    assert {inner(found) for found in outside(path) if found.top == "omnilab"} <= below
+def test_a_module_of_the_core_imports_the_parts_that_it_may(path: Path) -> None:
+    own = part_of(module_of(path))
+    imported = {part_of(found.module) for found in outside(path) if found.top == "omnilab"}
+    assert imported - {own} <= MAY_IMPORT[own]
 
 
 @pytest.mark.parametrize("path", CORE, ids=names(CORE))
 def test_a_module_of_the_core_imports_the_libraries_that_are_its_business(path: Path) -> None:
+    name = inner(module_of(path))
     for found in outside(path):
         if found.top not in {"numpy", "omnilab"}:
-            assert path.stem in THIRD_PARTY.get(found.top, set()), f"{path.name} imports {found.module}"
-            assert found.lazy or found.top not in LAZY, f"{path.name} imports {found.module} before it is needed"
+            assert name in THIRD_PARTY.get(found.top, set()), f"{name} imports {found.module}"
+            assert found.lazy or found.top not in LAZY, f"{name} imports {found.module} before it is needed"
 
 
-def test_every_module_of_the_core_has_its_layer() -> None:
-    layered = [name for layer in LAYERS for name in layer]
-    assert sorted(layered) == sorted(path.stem.removeprefix("__init__") for path in CORE)
+def test_every_part_of_the_core_says_what_it_may_import() -> None:
+    assert {part_of(module_of(path)) for path in CORE} == set(MAY_IMPORT)
+
+
+# ------------------------------------------------------------------------------------------------------ every package
+@pytest.mark.parametrize("package", PACKAGES)
+def test_imports_run_in_no_circle(package: str) -> None:
+    """Those within functions count, those for type checkers do not."""
+    sources = sorted(PACKAGES[package].rglob("*.py"))
+    ahead = {
+        module_of(path): {found.module for found in outside(path) if found.top == package and not found.typing}
+        for path in sources
+    }
+    done: set[str] = set()
+    while ahead.keys() - done:
+        free = {module for module in ahead.keys() - done if ahead[module] - {module} <= done}
+        assert free, f"in a circle, or behind one: {sorted(ahead.keys() - done)}"
+        done |= free
+
+
+def test_folders_and_modules_are_small_enough_to_take_in() -> None:
+    sources = [path for folder in ("omnilab", "plugins", "tests", "docs") for path in (ROOT / folder).rglob("*.py")]
+    folders = Counter(path.parent for path in sources)
+    assert {folder: count for folder, count in folders.items() if count > MOST_FILES} == {}
+    lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in sources}
+    assert {path: count for path, count in lines.items() if count > MOST_LINES} == {}
 
 
 # -------------------------------------------------------------------------------------------------------- the plugins
@@ -155,7 +191,7 @@ def test_a_plugin_imports_the_contract_and_no_other_plugin(plugin: Path) -> None
     for path in sources(plugin):
         for found in outside(path):
             if found.top == "omnilab":
-                assert inner(found) in CONTRACT, f"{path} imports {found.module}"
+                assert part_of(found.module) in CONTRACT, f"{path} imports {found.module}"
             elif found.top.startswith("omnilab_"):
                 assert found.top == f"omnilab_{plugin.name}", f"{path} imports {found.module}"
 
@@ -186,15 +222,24 @@ def normal(name: str) -> str:
 
 @pytest.mark.parametrize("plugin", PLUGINS, ids=names(PLUGINS))
 def test_importing_a_plugin_imports_no_heavy_library(plugin: Path) -> None:
-    """Followed through the plugin's own modules, from its entry point."""
-    package, waiting, seen = plugin / f"omnilab_{plugin.name}", [f"omnilab_{plugin.name}"], set[str]()
+    """Followed through the plugin's own modules, from its entry point; a module is imported after its packages."""
+    waiting, seen = [f"omnilab_{plugin.name}"], set[str]()
     while waiting:
         module = waiting.pop()
         seen.add(module)
-        path = package.parent / (module.replace(".", "/") + ".py")
-        now = [found for found in outside(path if path.exists() else package / "__init__.py") if not found.lazy]
+        path = file_of(module)
+        assert path is not None, f"{module} has no file"
+        now = [found for found in outside(path) if not found.lazy]
         assert not {found.top for found in now} & HEAVY, f"{module} is imported with the plugin"
-        waiting += {found.module for found in now if found.top == package.name} - seen
+        own = {found.module for found in now if found.top == f"omnilab_{plugin.name}"}
+        waiting += {package for name in own for package in with_packages(name)} - seen
+
+
+def with_packages(module: str) -> Iterator[str]:
+    """A module and the packages that it lies in."""
+    while module:
+        yield module
+        module = module.rpartition(".")[0]
 
 
 def test_omnilab_all_names_every_plugin() -> None:

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from omnilab.cli import COMMANDS
-from omnilab.registry import KINDS, discover
+from omnilab.runner.cli import COMMANDS
+from omnilab.runner.registry import KINDS, discover
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -51,8 +51,8 @@ def test_the_library_example_runs(tmp_path, monkeypatch, capsys, request):
 
 
 def test_every_virtual_camera_and_world_has_its_picture():
-    from omnilab_mirror.virtual import VirtualCamera
-    from omnilab_mirror.world import shipped
+    from omnilab_mirror.scene.world import shipped
+    from omnilab_mirror.sensors.virtual import VirtualCamera
 
     registry = discover("")
     sensors = [n for n in registry.names("sensor") if issubclass(registry.get("sensor", n).cls, VirtualCamera)]

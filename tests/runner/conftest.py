@@ -8,8 +8,8 @@ import sys
 import numpy as np
 import pytest
 
-import omnilab.fingerprint as fingerprint_module
-from omnilab.cache import Cache
+import omnilab.runner.fingerprint as fingerprint_module
+from omnilab.runner.signature_cache import Cache
 
 LIMIT = 10**9
 SOURCE = '''

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from omnilab.logbook import load_run
+from omnilab.runner.run_folder import load_run
 
 WORLD = Path(__file__).parents[1] / "box_world.yaml"
 SMALL = [

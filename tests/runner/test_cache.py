@@ -13,9 +13,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import omnilab.shelf as shelf_module
-from omnilab.cache import Cache
-from omnilab.fingerprint import fingerprint
+import omnilab.runner.signature_store as shelf_module
+from omnilab.runner.fingerprint import fingerprint
+from omnilab.runner.signature_cache import Cache
 
 LIMIT = 10**9
 
@@ -228,7 +228,7 @@ def test_what_a_dead_writer_left_goes_when_room_is_made(probe, cache, images, tm
 WRITER = """
     import sys, numpy as np
     from pathlib import Path
-    from omnilab.cache import Cache
+    from omnilab.runner.signature_cache import Cache
     from omnilab_appearance import TinyImage
     tiny, rng = Cache(Path(sys.argv[1]), 10**9, 1).wrap(TinyImage()), np.random.default_rng(5)
     print("ready", flush=True)

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import omnilab.cache as cache_module
-import omnilab.fingerprint as fingerprint_module
-from omnilab.fingerprint import fingerprint
+import omnilab.runner.fingerprint as fingerprint_module
+import omnilab.runner.signature_cache as cache_module
+from omnilab.runner.fingerprint import fingerprint
 
 
 @pytest.fixture

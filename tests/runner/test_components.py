@@ -16,7 +16,7 @@ from typing import Any
 from omegaconf import OmegaConf
 
 from omnilab import hooks
-from omnilab.registry import COMMANDS_HOOK, HOOKS, KINDS, discover, members
+from omnilab.runner.registry import COMMANDS_HOOK, HOOKS, KINDS, discover, members
 
 
 # --------------------------------------------------------------------------------------------------------------- listed
@@ -46,7 +46,7 @@ HEAVY = {"cv2", "gtsam", "matplotlib", "mcap", "numba", "pandas", "pyarrow", "re
 def test_listing_plugins_imports_nothing_heavy() -> None:
     script = f"""
 import sys
-from omnilab.cli import main
+from omnilab.runner.cli import main
 try:
     main(["plugins"])
 except SystemExit as end:

@@ -18,8 +18,8 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from rerun.chunk import RrdReader
 
-from omnilab import cli
-from omnilab.registry import Registry
+from omnilab.runner import cli
+from omnilab.runner.registry import Registry
 
 SCRIPT = Path(sys.executable).with_name("omnilab")
 WORLD = Path(__file__).parents[1] / "box_world.yaml"

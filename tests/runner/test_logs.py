@@ -16,7 +16,7 @@ import pytest
 from mcap.reader import make_reader
 from rerun.chunk import RrdReader
 
-from omnilab.logbook import LoadedRun, load_run
+from omnilab.runner.run_folder import LoadedRun, load_run
 
 WORLD = Path(__file__).parents[1] / "box_world.yaml"
 SMALL = [
@@ -77,7 +77,7 @@ def check_rrd(run: LoadedRun) -> None:
 def test_a_full_disk_costs_one_sink_and_no_more(omnilab_here, tmp_path, monkeypatch, method):
     (tmp_path / "full.py").write_text(DISK_FULL)
     monkeypatch.setenv("OMNILAB_PLUGINS", "full.py")
-    monkeypatch.setattr("omnilab.record.FLUSH_S", 0.05)
+    monkeypatch.setattr("omnilab.runner.recorder.FLUSH_S", 0.05)
     result = omnilab_here(*SMALL, "+sink@sinks.full=full", f"sinks.full.fails={method}")
     assert result.rc == 0, result.stderr
     assert "Traceback" not in result.stderr

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from omnilab.api import Places, Signatures
 from omnilab.errors import DataError
 from omnilab.geometry import planar_poses
-from omnilab.maps import FILE, about_map, load_places, map_file, save_map
+from omnilab.runner.map_file import FILE, about_map, load_places, map_file, save_map
 
 ABOUT = {
     "components": {"descriptor": {"name": "radon"}, "distance": {"name": "poc"}},

@@ -8,9 +8,10 @@ from hydra import compose, initialize_config_module
 
 from omnilab.api import Places, Signatures
 from omnilab.geometry import planar_poses
-from omnilab.maps import save_map
-from omnilab.registry import discover
-from omnilab.run import build, named_components, resolved_yaml
+from omnilab.runner.build import build
+from omnilab.runner.config import named_components, resolved_yaml
+from omnilab.runner.map_file import save_map
+from omnilab.runner.registry import discover
 
 RECIPES = sorted(path.stem for path in (Path(__file__).parents[2] / "conf/experiment").glob("*.yaml"))
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import pytest
 
 from omnilab.api import Progress, Text
-from omnilab.record import Recorder
+from omnilab.runner.recorder import Recorder
 from omnilab.testing import sample_records
 
 

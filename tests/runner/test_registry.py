@@ -16,9 +16,9 @@ import pytest
 from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 
-from omnilab.cli import main
 from omnilab.errors import ConfigError
-from omnilab.registry import HOOKS, Registry, discover
+from omnilab.runner.cli import main
+from omnilab.runner.registry import HOOKS, Registry, discover
 
 MEAN = '''
 from dataclasses import dataclass
@@ -219,7 +219,7 @@ def test_a_missing_name_recalls_the_plugins_that_failed(write: Write) -> None:
 # ------------------------------------------------------------------------------------------------- the command line
 def test_failures_come_last_with_exit_code_1(write: Write) -> None:
     broken = write("broken", "import nowhere_to_be_found")
-    script = "import sys; from omnilab.cli import main; main(sys.argv[1:])"
+    script = "import sys; from omnilab.runner.cli import main; main(sys.argv[1:])"
     done = [
         subprocess.run(
             [sys.executable, "-c", script, "plugins", *option],

@@ -16,7 +16,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from omnilab.api import Parts, PathPoses, RandomPoses
 from omnilab.geometry import planar_poses
-from omnilab.record import Recorder
+from omnilab.runner.recorder import Recorder
 from omnilab_appearance import GaussianNoise, Light, Nearest, PocBand, Radon, Tilt
 from omnilab_mirror import Mirror
 from omnilab_studies import Grid
@@ -79,7 +79,7 @@ def test_several_apply_in_order_and_the_run_folder_names_them(run, tmp_path):
     both = run("disturbance=[light,uniform_noise]", "disturbances.light.gain=0.1")
     folder = (tmp_path / "logs/latest").resolve()
     components = json.loads((folder / "manifest.json").read_text())["components"]
-    assert components["disturbances.light"]["class"] == "omnilab_appearance.light.Light"
+    assert components["disturbances.light"]["class"] == "omnilab_appearance.disturbances.light.Light"
     assert components["disturbances.uniform_noise"]["name"] == "uniform_noise"
     assert "disturb," in (folder / "cost.csv").read_text()
     assert run("disturbance=[uniform_noise,light]", "disturbances.light.gain=0.1") != both
@@ -183,7 +183,7 @@ def test_tilting_an_image_is_tilting_the_camera():
 
 
 def test_one_disturbance_does_not_change_what_another_draws():
-    from omnilab_studies.common import disturbed
+    from omnilab_studies.common.describing import disturbed
 
     mirror = Mirror(str(WORLD), size=64, samples=1)
     (frames,) = mirror.frames(mirror.plan(RandomPoses(3, seed=1)))

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from omnilab.graph_files import read_graph
+from omnilab.posegraph.files import read_graph
 
 SMALL = ("study.walk.count=60", "study.walk.side=5")
 

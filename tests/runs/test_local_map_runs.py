@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from omnilab.logbook import load_run
+from omnilab.runner.run_folder import load_run
 
 pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omnilab.logbook import load_run
-from omnilab.maps import load_places
+from omnilab.runner.map_file import load_places
+from omnilab.runner.run_folder import load_run
 
 pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
 

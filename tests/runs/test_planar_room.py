@@ -6,7 +6,7 @@ import pytest
 from omnilab.api import PathPoses
 from omnilab.geometry import planar_poses, wrap_angle
 from omnilab_appearance import PlanarEpipolar
-from omnilab_appearance.sightings import matched
+from omnilab_appearance.common.spherical_features import matched
 from omnilab_mirror import Mirror
 
 WAY = np.array([[0.0, -0.4, 0.3], [0.1, -0.38, 0.45], [0.12, -0.28, 0.2]])  # x, y, heading

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from omnilab.api import GridPoses, PathPoses, RecordedPoses
+from omnilab.cameras import load_camera
 from omnilab.geometry import heading_of, poses, rotation_xyz
-from omnilab.projection import load_camera
 
 SCRIPT = Path(sys.executable).with_name("omnilab")
 WORLD = Path(__file__).parents[1] / "box_world.yaml"

@@ -7,10 +7,10 @@ import pytest
 
 from omnilab.api import PathPoses
 from omnilab.geometry import planar_poses, wrap_angle
-from omnilab.graphs import inverse, vectors
+from omnilab.posegraph.graph import inverse, vectors
 from omnilab.testing import check_odometry
 from omnilab_appearance import Appearance, AppearanceFit
-from omnilab_appearance.appearance import Ties
+from omnilab_appearance.odometries.appearance import Ties
 from omnilab_mirror import Mirror
 
 # each step goes another way as the camera sees it: ahead, left, back, right, and slantwise while it turns

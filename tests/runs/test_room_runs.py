@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omnilab.logbook import load_run
+from omnilab.runner.run_folder import load_run
 
 pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from omnilab.logbook import load_run
+from omnilab.runner.run_folder import load_run
 
 WORLD = Path(__file__).parents[1] / "box_world.yaml"
 SENSOR = [f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1"]

@@ -9,9 +9,9 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from omnilab.graph_files import read_graph
-from omnilab.logbook import load_run
-from omnilab.trajectory_files import read_trajectory
+from omnilab.posegraph.files import read_graph
+from omnilab.runner.run_folder import load_run
+from omnilab.trajectory.files import read_trajectory
 
 pytestmark = pytest.mark.slow
 SMALL = ("experiment=square", "sensor.size=250", "sensor.margin_px=0", "sensor.samples=1", "study.path=way.csv")

@@ -10,15 +10,15 @@ import pytest
 
 from omnilab.api import Parts, PathPoses
 from omnilab.geometry import planar_poses
-from omnilab.logbook import load_run
-from omnilab.record import Recorder
-from omnilab.trajectory_files import read_trajectory
+from omnilab.runner.recorder import Recorder
+from omnilab.runner.run_folder import load_run
+from omnilab.trajectory.files import read_trajectory
 from omnilab_appearance import PlanarEpipolar, Simulated
 from omnilab_mirror import Mirror
 from omnilab_slam import ViewEkf, ViewGraph
 from omnilab_studies import ViewSlam
-from omnilab_studies.sources import Source
-from omnilab_studies.view_mapper import Association
+from omnilab_studies.common.pose_sources import Source
+from omnilab_studies.view_slam.front_end import Association
 
 pytestmark = pytest.mark.slow
 

@@ -20,12 +20,12 @@ from rerun.chunk import RrdReader
 
 from omnilab.api import Frames, GridPoses, Layout, Mesh, Parts, PathPoses, Plan
 from omnilab.geometry import planar_poses
-from omnilab.logbook import load_run
-from omnilab.record import Recorder
+from omnilab.runner.recorder import Recorder
+from omnilab.runner.run_folder import load_run
 from omnilab_appearance import Nearest, PocBand, Radon
 from omnilab_mirror import Mirror
 from omnilab_studies import Grid
-from omnilab_studies.grid import Queries
+from omnilab_studies.localization.grid.study import Queries
 
 WORLD = Path(__file__).parents[1] / "box_world.yaml"
 SENSOR = [f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1"]

@@ -1,50 +1,50 @@
 """Global-appearance descriptors, distances, localizers and altimeters, and disturbances: all that numpy, scipy, numba and OpenCV can do."""
 
 from omnilab.hooks import Register, hookimpl
-from omnilab_appearance.appearance import Appearance
-from omnilab_appearance.appearance_fit import AppearanceFit
-from omnilab_appearance.blur import Blur
-from omnilab_appearance.color_shift import ColorShift
-from omnilab_appearance.cosine import Cosine
-from omnilab_appearance.euclidean import Euclidean
-from omnilab_appearance.feature_altitude import FeatureAltitude
-from omnilab_appearance.features import Features, FeaturesTurned
-from omnilab_appearance.filter import Filter
-from omnilab_appearance.floor_and_walls import FloorAndWalls
-from omnilab_appearance.fourier_signature import FourierSignature
-from omnilab_appearance.gist import Gist
-from omnilab_appearance.hierarchical import Hierarchical
-from omnilab_appearance.hog import Hog
-from omnilab_appearance.hog_threshold import HogThreshold
-from omnilab_appearance.interpolated import Interpolated
-from omnilab_appearance.light import Light
-from omnilab_appearance.log import Log
-from omnilab_appearance.nearest import Nearest
-from omnilab_appearance.noise import GaussianNoise, ListingNoise, UniformNoise
-from omnilab_appearance.occlusion import Occlusion
-from omnilab_appearance.onnx import Onnx
-from omnilab_appearance.pearson import Pearson
-from omnilab_appearance.planar_epipolar import PlanarEpipolar
-from omnilab_appearance.poc import Poc
-from omnilab_appearance.poc_band import PocBand
-from omnilab_appearance.poc_squared import PocSquared
-from omnilab_appearance.radon import Radon
-from omnilab_appearance.radon_compression import RadonCompression
-from omnilab_appearance.radon_gist import RadonGist
-from omnilab_appearance.radon_hog import RadonHog
-from omnilab_appearance.ring import Ring
-from omnilab_appearance.ring_key import RingKey
-from omnilab_appearance.root import Root
-from omnilab_appearance.rotational_pca import RotationalPca
-from omnilab_appearance.sift import Sift
-from omnilab_appearance.simulated import Simulated
-from omnilab_appearance.smacof import Smacof
-from omnilab_appearance.spring import Spring
-from omnilab_appearance.surf import Surf
-from omnilab_appearance.tilt import Tilt
-from omnilab_appearance.tiny_image import TinyImage
-from omnilab_appearance.verified import Verified
-from omnilab_appearance.weighted import Cityblock, Weighted
+from omnilab_appearance.altimeters.feature_altitude import FeatureAltitude
+from omnilab_appearance.altimeters.floor_and_walls import FloorAndWalls
+from omnilab_appearance.altimeters.radon_compression import RadonCompression
+from omnilab_appearance.descriptors.fourier_signature import FourierSignature
+from omnilab_appearance.descriptors.gist import Gist
+from omnilab_appearance.descriptors.hog import Hog
+from omnilab_appearance.descriptors.onnx import Onnx
+from omnilab_appearance.descriptors.radon import Radon
+from omnilab_appearance.descriptors.radon_gist import RadonGist
+from omnilab_appearance.descriptors.radon_hog import RadonHog
+from omnilab_appearance.descriptors.ring import Ring
+from omnilab_appearance.descriptors.ring_key import RingKey
+from omnilab_appearance.descriptors.rotational_pca import RotationalPca
+from omnilab_appearance.descriptors.sift import Sift
+from omnilab_appearance.descriptors.surf import Surf
+from omnilab_appearance.descriptors.tiny_image import TinyImage
+from omnilab_appearance.distances.cosine import Cosine
+from omnilab_appearance.distances.euclidean import Euclidean
+from omnilab_appearance.distances.features import Features, FeaturesTurned
+from omnilab_appearance.distances.log_distance import Log
+from omnilab_appearance.distances.pearson import Pearson
+from omnilab_appearance.distances.poc import Poc
+from omnilab_appearance.distances.poc_band import PocBand
+from omnilab_appearance.distances.poc_squared import PocSquared
+from omnilab_appearance.distances.root import Root
+from omnilab_appearance.distances.weighted import Cityblock, Weighted
+from omnilab_appearance.disturbances.blur import Blur
+from omnilab_appearance.disturbances.color_shift import ColorShift
+from omnilab_appearance.disturbances.light import Light
+from omnilab_appearance.disturbances.noise import GaussianNoise, ListingNoise, UniformNoise
+from omnilab_appearance.disturbances.occlusion import Occlusion
+from omnilab_appearance.disturbances.tilt import Tilt
+from omnilab_appearance.localizers.bayes_filter import Filter
+from omnilab_appearance.localizers.hierarchical import Hierarchical
+from omnilab_appearance.localizers.interpolated import Interpolated
+from omnilab_appearance.localizers.nearest import Nearest
+from omnilab_appearance.localizers.smacof import Smacof
+from omnilab_appearance.localizers.spring import Spring
+from omnilab_appearance.loop_closures.geometric_verification import Verified
+from omnilab_appearance.loop_closures.hog_threshold import HogThreshold
+from omnilab_appearance.odometries.appearance import Appearance
+from omnilab_appearance.odometries.appearance_fit import AppearanceFit
+from omnilab_appearance.odometries.planar_epipolar import PlanarEpipolar
+from omnilab_appearance.odometries.simulated import Simulated
 
 __all__ = [
     "Appearance",

@@ -9,14 +9,14 @@ import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from omnilab.api import Circle
+from omnilab.cameras import EquirectangularCamera, HyperbolicMirror, ImageCircle
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import wrap_angle
-from omnilab.projection import EquirectangularCamera, HyperbolicMirror, ImageCircle
 from omnilab.testing import check_altimeter
 from omnilab_appearance import FeatureAltitude, FloorAndWalls, RadonCompression
-from omnilab_appearance.elevations import rows_of
-from omnilab_appearance.feature_altitude import Detector, _moved
-from omnilab_appearance.radon_compression import compressions, read_off
+from omnilab_appearance.altimeters.elevations import rows_of
+from omnilab_appearance.altimeters.feature_altitude import Detector, _moved
+from omnilab_appearance.altimeters.radon_compression import compressions, read_off
 
 CAMERA = HyperbolicMirror(200, crop=0.5)
 ALL = [RadonCompression(120, 60), FeatureAltitude(), FeatureAltitude(Detector.sift), FloorAndWalls()]

@@ -7,7 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from omnilab.projection import UnifiedCamera, mirror_view, panorama
+from omnilab.cameras import UnifiedCamera
+from omnilab.image import mirror_view, panorama
 from omnilab_appearance import PocBand, Radon
 
 DATA = Path(__file__).resolve().parents[4] / "shared/data/amiens_catadioptric"

@@ -12,8 +12,8 @@ from skimage.filters import gabor_kernel
 from omnilab.errors import ConfigError, DataError
 from omnilab.testing import check_descriptor
 from omnilab_appearance import FourierSignature, Gist, Hog, Radon, RadonGist, RadonHog, Ring, RingKey, TinyImage
-from omnilab_appearance.gabor import energies, kernel
-from omnilab_appearance.turns import best_turns, heading_spectra
+from omnilab_appearance.common.circular_correlation import best_turns, heading_spectra
+from omnilab_appearance.common.gabor import energies, kernel
 
 RNG = np.random.default_rng(4)
 PANORAMAS = RNG.integers(0, 256, (3, 128, 512), dtype=np.uint8)

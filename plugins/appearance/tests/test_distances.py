@@ -12,8 +12,8 @@ from omnilab.api import Places, Signatures
 from omnilab.errors import ConfigError, DataError
 from omnilab.testing import check_distance, check_localizer
 from omnilab_appearance import Euclidean, Nearest, Poc, PocBand, Radon
-from omnilab_appearance.poc import between
-from omnilab_appearance.turns import vertex
+from omnilab_appearance.common.circular_correlation import vertex
+from omnilab_appearance.distances.poc import between
 
 
 @pytest.mark.parametrize("distance", [Poc(), PocBand(), PocBand(6.0, 5.0), Euclidean()])

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
 from omnilab.api import Circle
+from omnilab.cameras import HyperbolicMirror, ImageCircle
 from omnilab.errors import ConfigError, DataError
-from omnilab.projection import HyperbolicMirror, ImageCircle
 from omnilab.testing import check_disturbance
 from omnilab_appearance import Blur, ColorShift, GaussianNoise, Light, ListingNoise, Occlusion, Tilt, UniformNoise
 

@@ -12,7 +12,7 @@ from omnilab.api import Signatures
 from omnilab.errors import ConfigError, DataError
 from omnilab.testing import check_descriptor
 from omnilab_appearance import Features, FeaturesTurned, Sift, Surf
-from omnilab_appearance.local_features import packed, unpacked
+from omnilab_appearance.common.local_features import packed, unpacked
 
 SIDE = 241
 

@@ -13,9 +13,9 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses, procrustes
 from omnilab.testing import check_map_maker
 from omnilab_appearance import Cosine, Euclidean, Smacof, Spring, _map_kernels
-from omnilab_appearance.local_maps import Constants, connected, most_alike
-from omnilab_appearance.smacof import classical_scaling
-from omnilab_appearance.spring import Integrator
+from omnilab_appearance.localizers.local_maps import Constants, connected, most_alike
+from omnilab_appearance.localizers.smacof import classical_scaling
+from omnilab_appearance.localizers.spring import Integrator
 
 MAKERS = [
     Smacof(),
@@ -367,7 +367,7 @@ def _warnings_are_kept(caplog):
 
 def test_repeated_images_are_as_far_from_the_others_as_one_another():
     """A length of 0 joins two points: paths to a third lead over it."""
-    from omnilab_appearance.smacof import _filled
+    from omnilab_appearance.localizers.smacof import _filled
 
     lengths = np.array([[[0.0, 0, 0], [0, 0, 3], [0, 3, 0]]])
     counts = np.array([[[False, True, False], [True, False, True], [False, True, False]]])

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from omnilab.api import CalibratedCamera, Frames, Unusable
+from omnilab.cameras import THESIS_HALF
 from omnilab.errors import ConfigError, DataError
-from omnilab.projection import THESIS_HALF
 from omnilab.testing import check_loop_closure
 from omnilab_appearance import HogThreshold, Verified
-from omnilab_appearance.remembered import Remembered
-from omnilab_appearance.sightings import Sighting
+from omnilab_appearance.common.spherical_features import Sighting
+from omnilab_appearance.loop_closures.cosine_index import Remembered
 
 RNG = np.random.default_rng(0)
 PLACES = np.stack(  # pictures that have nothing in common: coarse blocks, stripes, fine blocks
@@ -146,7 +146,7 @@ def test_settings_that_close_any_loop_or_none_are_told(kind, wrong):
 
 def test_a_camera_that_cannot_say_where_it_looks_is_told():
     from omnilab.api import Circle
-    from omnilab.projection import ImageCircle
+    from omnilab.cameras import ImageCircle
 
     camera = ImageCircle(250, 250, Circle(124.5, 124.5, 125))
     assert not isinstance(camera, CalibratedCamera)

@@ -14,7 +14,7 @@ from onnx import TensorProto, helper
 from omnilab.errors import ConfigError, DataError
 from omnilab.testing import check_descriptor
 from omnilab_appearance import Onnx
-from omnilab_appearance.onnx import Order
+from omnilab_appearance.descriptors.onnx import Order
 
 RNG = np.random.default_rng(9)
 PANORAMAS = RNG.integers(0, 256, (3, 128, 512, 3), dtype=np.uint8)

@@ -13,9 +13,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.stats import kstest
 
 from omnilab.api import Circle, Frames, Unusable
-from omnilab.errors import ConfigError, DataError
-from omnilab.geometry import wrap_angle
-from omnilab.projection import (
+from omnilab.cameras import (
     CylindricalCamera,
     EquirectangularCamera,
     FisheyeCamera,
@@ -24,12 +22,14 @@ from omnilab.projection import (
     ParabolicMirror,
     UnifiedCamera,
 )
+from omnilab.errors import ConfigError, DataError
+from omnilab.geometry import wrap_angle
 from omnilab.testing import check_odometry
 from omnilab_appearance import PlanarEpipolar
-from omnilab_appearance.floor_steps import floor_step
-from omnilab_appearance.planar import Solver, chosen, errors, essential, pose_of, relative_pose
-from omnilab_appearance.planar_epipolar import Length
-from omnilab_appearance.sightings import Detector, Sighting, matched, sightings
+from omnilab_appearance.common.ground_scale import floor_step
+from omnilab_appearance.common.relative_pose import Solver, chosen, errors, essential, pose_of, relative_pose
+from omnilab_appearance.common.spherical_features import Detector, Sighting, matched, sightings
+from omnilab_appearance.odometries.planar_epipolar import Length
 
 MIRROR = HyperbolicMirror(480, crop=0.5)
 HORIZONTAL = st.floats(-np.pi, np.pi)

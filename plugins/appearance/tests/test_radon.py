@@ -10,7 +10,7 @@ from skimage.transform import radon as skimage_radon
 from omnilab.errors import ConfigError, DataError
 from omnilab.testing import check_descriptor
 from omnilab_appearance import Radon
-from omnilab_appearance.radon import line_integrals, shrink
+from omnilab_appearance.descriptors.radon import line_integrals, shrink
 
 
 def _pictures(count, side, seed=0, sigma=2.0):

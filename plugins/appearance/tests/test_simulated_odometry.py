@@ -7,9 +7,9 @@ import pytest
 from scipy import stats
 
 from omnilab.api import Circle, Frames
+from omnilab.cameras import ImageCircle
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses
-from omnilab.projection import ImageCircle
 from omnilab.testing import check_odometry
 from omnilab_appearance import Simulated
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from omnilab.errors import ConfigError
 from omnilab.geometry import wrap_angle
-from omnilab_appearance.appearance import STARTS, Appearance, Ties, middle_of, votes
-from omnilab_appearance.appearance_fit import AppearanceFit
+from omnilab_appearance.odometries.appearance import STARTS, Appearance, Ties, middle_of, votes
+from omnilab_appearance.odometries.appearance_fit import AppearanceFit
 
 COLUMN = 2 * np.pi / STARTS
 

@@ -32,7 +32,7 @@ from google.protobuf.timestamp_pb2 import Timestamp  # type: ignore[import-untyp
 from omnilab import api
 from omnilab.api import Floats, Ints, Tick
 from omnilab.geometry import planar_poses, quaternion_xyzw
-from omnilab.projection import encode
+from omnilab.image import encode
 from omnilab_mcap import schema
 
 WORLD, CAMERA = "world", "camera"

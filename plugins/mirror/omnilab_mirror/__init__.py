@@ -5,9 +5,9 @@ from __future__ import annotations
 from omnilab import hookimpl
 from omnilab.hooks import Register, RegisterCommand
 from omnilab_mirror.commands import world_command
-from omnilab_mirror.lenses import Calibrated, Fisheye, OCam, Pinhole, Stereo, Unified
-from omnilab_mirror.mirror import Conical, Elliptic, Mirror, Parabolic, Spherical
-from omnilab_mirror.panoramas import Cylindrical, Equirectangular
+from omnilab_mirror.sensors.lenses import Calibrated, Fisheye, OCam, Pinhole, Stereo, Unified
+from omnilab_mirror.sensors.mirrors import Conical, Elliptic, Mirror, Parabolic, Spherical
+from omnilab_mirror.sensors.panoramas import Cylindrical, Equirectangular
 
 __all__ = [
     "Calibrated",

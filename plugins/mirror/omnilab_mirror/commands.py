@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from omnilab_mirror.world import World
+    from omnilab_mirror.scene.world import World
 
 HEIGHT_M = 1.0  # where the free share of the map is counted: the sensors' default
 STEP_M = 0.1
@@ -30,7 +30,7 @@ def world_command(argv: list[str]) -> int:
 
 
 def _list() -> int:
-    from omnilab_mirror.world import load_world, shipped
+    from omnilab_mirror.scene.world import load_world, shipped
 
     for name, file in shipped().items():
         _say(f"{name}: {', '.join(load_world(name).variants) or 'no variants'}  ({file})")
@@ -38,8 +38,8 @@ def _list() -> int:
 
 
 def _check(name: str, variant: str | None) -> int:
-    from omnilab_mirror.check import warnings_of
-    from omnilab_mirror.world import problems_of
+    from omnilab_mirror.scene.lint import warnings_of
+    from omnilab_mirror.scene.world import problems_of
 
     built, problems = problems_of(name, variant)
     tried = {variant: built}

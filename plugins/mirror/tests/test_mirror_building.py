@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from omnilab.errors import DataError
-from omnilab_mirror.faces import Model, Place
-from omnilab_mirror.world import World, load_world
+from omnilab_mirror.scene.quads import Model, Place
+from omnilab_mirror.scene.world import World, load_world
 
 TOP = "map_m: [1, 1]\ntexels_per_m: 32\n"
 

@@ -11,25 +11,24 @@ from scipy.spatial.transform import Rotation
 
 import omnilab_mirror
 from omnilab.api import PathPoses, RandomPoses
-from omnilab.errors import DataError
-from omnilab.geometry import planar_poses, rotation_xyz
-from omnilab.projection import (
+from omnilab.cameras import (
     ConicalMirror,
     EquirectangularCamera,
     HyperbolicMirror,
     PinholeCamera,
     SphericalMirror,
     StereoCamera,
-    panorama,
-    point_cloud,
     save_camera,
 )
+from omnilab.errors import DataError
+from omnilab.geometry import planar_poses, rotation_xyz
+from omnilab.image import panorama, point_cloud
 from omnilab.testing import check_sensor
-from omnilab_mirror.canvas import Paint
-from omnilab_mirror.faces import Face
-from omnilab_mirror.light import Light
-from omnilab_mirror.render import depth_of, render
-from omnilab_mirror.world import World
+from omnilab_mirror.render.render import depth_of, render
+from omnilab_mirror.scene.light import Light
+from omnilab_mirror.scene.quads import Face
+from omnilab_mirror.scene.textures.canvas import Paint
+from omnilab_mirror.scene.world import World
 
 OCAM = """#polynomial coefficients for the DIRECT mapping function
 4 -40.0 0.0 0.004 0.00001

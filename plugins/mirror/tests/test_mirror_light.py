@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from omnilab_mirror.canvas import Paint
-from omnilab_mirror.faces import Face
-from omnilab_mirror.light import Lamp, Light
-from omnilab_mirror.shadows import LIFT_M
-from omnilab_mirror.world import load_world
+from omnilab_mirror.render.shadows import LIFT_M
+from omnilab_mirror.scene.light import Lamp, Light
+from omnilab_mirror.scene.quads import Face
+from omnilab_mirror.scene.textures.canvas import Paint
+from omnilab_mirror.scene.world import load_world
 
 GREY = Paint(lambda canvas: canvas.filled([100.0, 100.0, 100.0]))
 LANTERN = Paint(GREY.painter, glows=True)

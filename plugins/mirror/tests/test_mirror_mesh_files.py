@@ -16,8 +16,8 @@ from trimesh.visual.material import PBRMaterial
 
 from omnilab.errors import ConfigError, DataError
 from omnilab_mirror import mesh_file, mesh_look
-from omnilab_mirror.mesh_file import read_mesh
-from omnilab_mirror.world import load_world
+from omnilab_mirror.scene.meshes.mesh_file import read_mesh
+from omnilab_mirror.scene.world import load_world
 
 # ----------------------------------------------------------------------------------------------------------- good input
 TRIANGLE = {"vertices": [[0, 0, 0], [2, 0, 0], [0, 3, 1]], "faces": [[0, 1, 2]]}

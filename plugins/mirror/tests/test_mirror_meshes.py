@@ -16,15 +16,15 @@ from trimesh.visual.material import PBRMaterial, SimpleMaterial
 
 import omnilab_mirror
 from omnilab.api import GridPoses, PathPoses, RandomPoses
+from omnilab.cameras import EquirectangularCamera, HyperbolicMirror, StereoCamera
 from omnilab.geometry import planar_poses
-from omnilab.projection import EquirectangularCamera, HyperbolicMirror, StereoCamera
 from omnilab_mirror import Mirror
-from omnilab_mirror.embree import Embree
-from omnilab_mirror.light import Lamp, Light
-from omnilab_mirror.mesh_world import floor_height
-from omnilab_mirror.render import render
-from omnilab_mirror.triangles import Triangles, halves
-from omnilab_mirror.world import load_world
+from omnilab_mirror.render.embree import Embree
+from omnilab_mirror.render.render import render
+from omnilab_mirror.scene.light import Lamp, Light
+from omnilab_mirror.scene.meshes.mesh_world import floor_height
+from omnilab_mirror.scene.meshes.triangles import Triangles, halves
+from omnilab_mirror.scene.world import load_world
 
 BOOKSTORE = Path(__file__).parents[4] / "shared/data/aws_bookstore/bookstore.obj"
 PLAIN = Light(1.0, [])

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omnilab.projection import HyperbolicMirror
-from omnilab_mirror.rays import rays_of
-from omnilab_mirror.tracer import BLOCK, TILE
+from omnilab.cameras import HyperbolicMirror
+from omnilab_mirror.render.rays import rays_of
+from omnilab_mirror.render.tracer import BLOCK, TILE
 
 SHARE = st.floats(0.05, 0.99)
 

@@ -16,7 +16,7 @@ from omnilab.api import GridPoses, PathPoses, Plan, RandomPoses, RecordedPoses, 
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, planar_poses
 from omnilab_mirror import Mirror
-from omnilab_mirror.faces import Place, Solid
+from omnilab_mirror.scene.quads import Place, Solid
 
 
 @pytest.mark.parametrize(("step", "count"), [(0.1, 4941), (0.2, 1271), (0.3, 567), (0.4, 336)])

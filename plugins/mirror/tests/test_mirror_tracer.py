@@ -11,14 +11,15 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from omnilab.api import PathPoses, RandomPoses
+from omnilab.cameras import HyperbolicMirror
 from omnilab.geometry import planar_poses
-from omnilab.projection import HyperbolicMirror, to_gray
+from omnilab.image import to_gray
 from omnilab_mirror import Mirror
-from omnilab_mirror.canvas import Paint
-from omnilab_mirror.faces import Face
-from omnilab_mirror.light import Light
-from omnilab_mirror.render import render
-from omnilab_mirror.world import World, load_world
+from omnilab_mirror.render.render import render
+from omnilab_mirror.scene.light import Light
+from omnilab_mirror.scene.quads import Face
+from omnilab_mirror.scene.textures.canvas import Paint
+from omnilab_mirror.scene.world import World, load_world
 
 
 def painted(color) -> Paint:

@@ -11,16 +11,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from omnilab.api import NamedPath, RandomPoses
-from omnilab.cli import main
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, wrap_angle
+from omnilab.runner.cli import main
 from omnilab_mirror import Mirror
-from omnilab_mirror.check import warnings_of
-from omnilab_mirror.objects import OBJECTS
-from omnilab_mirror.paths import Route
-from omnilab_mirror.reader import Section
-from omnilab_mirror.textures import TEXTURES
-from omnilab_mirror.world import load_world, shipped
+from omnilab_mirror.scene.lint import warnings_of
+from omnilab_mirror.scene.objects import OBJECTS
+from omnilab_mirror.scene.paths import Route
+from omnilab_mirror.scene.textures.procedural import TEXTURES
+from omnilab_mirror.scene.world import load_world, shipped
+from omnilab_mirror.scene.world_yaml import Section
 
 DOCS = (Path(__file__).parents[3] / "docs" / "worlds.md").read_text(encoding="utf-8")
 VARIED = """\

@@ -11,9 +11,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from omnilab.errors import ConfigError, DataError
-from omnilab_mirror.objects import OBJECTS
-from omnilab_mirror.textures import TEXTURES
-from omnilab_mirror.world import load_world, shipped
+from omnilab_mirror.scene.objects import OBJECTS
+from omnilab_mirror.scene.textures.procedural import TEXTURES
+from omnilab_mirror.scene.world import load_world, shipped
 
 SQUARE = "[[-1, 1, 0], [1, 1, 0], [1, 1, 1], [-1, 1, 1]]"
 

@@ -1,11 +1,11 @@
-"""The calibration that lies with the images: a camera written by `omnilab.projection.save_camera`, or OCamCalib's."""
+"""The calibration that lies with the images: a camera written by `omnilab.cameras.save_camera`, or OCamCalib's."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+from omnilab.cameras import OCamCamera, RayCamera, load_camera
 from omnilab.errors import ConfigError, DataError
-from omnilab.projection import OCamCamera, RayCamera, load_camera
 
 CAMERA_FILE = "camera.json"
 

@@ -11,17 +11,18 @@ from typing import Any
 import numpy as np
 
 from omnilab.api import Bytes, RecordedPoses
+from omnilab.cameras import ImageCircle, RayCamera
 from omnilab.errors import ConfigError, DataError
-from omnilab.projection import ImageCircle, RayCamera, panorama
-from omnilab_recordings import survey
+from omnilab.image import panorama
+from omnilab_recordings import dataset_check
 from omnilab_recordings.calibration import read_camera
+from omnilab_recordings.dataset_check import Finding
+from omnilab_recordings.filename_poses import PRESETS
 from omnilab_recordings.folder import Folder, OnBadImage
-from omnilab_recordings.motion import Handedness, Horizon, drift_between, handedness, moves_rad, neighbours
-from omnilab_recordings.motion import horizon as horizon_of
-from omnilab_recordings.names import PRESETS
+from omnilab_recordings.handedness import Handedness, Horizon, drift_between, handedness, moves_rad, neighbours
+from omnilab_recordings.handedness import horizon as horizon_of
 from omnilab_recordings.optics import most_common_size
-from omnilab_recordings.sheet import write_sheet
-from omnilab_recordings.survey import Finding
+from omnilab_recordings.report_picture import write_sheet
 
 FLOW_SHAPE = (64, 512)  # of the panoramas in which drifts are measured
 COLORS = {"ok": "green", "look": "yellow", "?": "cyan"}
@@ -33,13 +34,18 @@ def check(argv: Sequence[str]) -> int:
     output = _output(options.output, Path(options.folder))
     sensor, problem = _with_poses(_sensor(options))
     sensor, circle = _with_circle(sensor)
-    shots = survey.look_at(Path(sensor.path), sensor.recording.images, sensor.optics.camera)
+    shots = dataset_check.look_at(Path(sensor.path), sensor.recording.images, sensor.optics.camera)
     turned, moving = _moves(sensor)
     horizon, level = _horizon(sensor, moving)
-    findings = [*survey.of_files(shots, len(sensor.recording.images)), circle, horizon, *survey.of_exposure(shots)]
-    findings += [problem] if problem else survey.of_poses(sensor.recording)
+    findings = [
+        *dataset_check.of_files(shots, len(sensor.recording.images)),
+        circle,
+        horizon,
+        *dataset_check.of_exposure(shots),
+    ]
+    findings += [problem] if problem else dataset_check.of_poses(sensor.recording)
     if sensor.recording.positions is not None:
-        findings.append(survey.of_handedness(turned))
+        findings.append(dataset_check.of_handedness(turned))
     _print(findings, str(options.folder))
     write_sheet(output, replace(sensor, mirrored=bool(turned.is_mirrored)), level, turned)
     _say(f"picture: {output}")
@@ -98,7 +104,7 @@ def _with_circle(sensor: Folder) -> tuple[Folder, Finding]:
     """The sensor, with the circle inscribed in the frame if none can be found, and what is to be said of it."""
     sample = most_common_size(sensor.sample())
     try:
-        return sensor, survey.of_circle(sensor, sensor.optics.camera, sample)
+        return sensor, dataset_check.of_circle(sensor, sensor.optics.camera, sample)
     except DataError as error:
         if read_camera(Path(sensor.path), sensor.camera, sensor.looks) is not None:
             raise
@@ -125,12 +131,12 @@ def _horizon(sensor: Folder, moving: Horizon | None) -> tuple[Finding, float | N
     """By the calibration, by the moves, or by brightness: the horizon, and its level in the panorama where known."""
     camera = sensor.optics.camera
     if isinstance(camera, RayCamera):
-        return survey.of_calibrated_horizon(camera)
+        return dataset_check.of_calibrated_horizon(camera)
     assert isinstance(camera, ImageCircle)
     if moving is not None:
-        return survey.of_moving_horizon(camera, moving), moving.level
+        return dataset_check.of_moving_horizon(camera, moving), moving.level
     panoramas = panorama(np.stack(most_common_size(sensor.sample())), camera, FLOW_SHAPE)
-    return survey.of_bright_side(camera, panoramas), None
+    return dataset_check.of_bright_side(camera, panoramas), None
 
 
 def _print(findings: Sequence[Finding], title: str) -> None:

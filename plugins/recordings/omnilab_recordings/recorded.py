@@ -13,8 +13,8 @@ import numpy as np
 from omnilab.api import Floats, Frames, Ints, Motion
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses
-from omnilab.graphs import inverse, vectors
-from omnilab.trajectory_files import read_trajectory
+from omnilab.posegraph.graph import inverse, vectors
+from omnilab.trajectory.files import read_trajectory
 
 
 class Reading(NamedTuple):
@@ -32,7 +32,7 @@ class _Record(NamedTuple):
 class Recorded:
     """Wheel odometry from a file: poses in a frame of its own that drifts, of which only the differences are used.
 
-    The file is one that `omnilab.trajectory_files.read_trajectory` reads, with the poses of the camera (of a robot, where
+    The file is one that `omnilab.trajectory.files.read_trajectory` reads, with the poses of the camera (of a robot, where
     the camera stands over its centre and looks ahead). With stamps, a pose is interpolated at the time of the image, on
     the sensor's clock; without, the file's rows are the frames of the plan. The covariance is of the settings below.
     """

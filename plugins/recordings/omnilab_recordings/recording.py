@@ -13,9 +13,9 @@ import numpy.typing as npt
 
 from omnilab.api import GridPoses, Layout, NamedPath, PathPoses, RecordedPoses
 from omnilab.errors import ConfigError, DataError
+from omnilab_recordings.filename_poses import Naming, positions_of
 from omnilab_recordings.grid import Grid, find_grid, on_grid
 from omnilab_recordings.images import SUFFIXES, image_names
-from omnilab_recordings.names import Naming, positions_of
 from omnilab_recordings.positions import Positions, read_positions
 from omnilab_recordings.trajectory import SUFFIXES as TRAJECTORIES
 from omnilab_recordings.trajectory import read_trajectory

@@ -12,18 +12,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from omnilab.api import RecordedPoses
-from omnilab.errors import ConfigError, DataError
-from omnilab.geometry import heading_of, quaternion_xyzw, rotation_xyz, wrap_angle
-from omnilab.projection import (
+from omnilab.cameras import (
     CylindricalCamera,
     HyperbolicMirror,
     ImageCircle,
     OCamCamera,
     UnifiedCamera,
-    mirror_view,
-    panorama,
     save_camera,
 )
+from omnilab.errors import ConfigError, DataError
+from omnilab.geometry import heading_of, quaternion_xyzw, rotation_xyz, wrap_angle
+from omnilab.image import mirror_view, panorama
 from omnilab_recordings import Folder
 from omnilab_recordings.folder import OnBadImage
 from omnilab_recordings.positions import read_positions

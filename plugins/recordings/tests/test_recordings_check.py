@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from omnilab.api import GridPoses
+from omnilab.cameras import UnifiedCamera, save_camera
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import wrap_angle
-from omnilab.projection import UnifiedCamera, save_camera
 from omnilab_recordings import register_commands
 from omnilab_recordings.command import check
-from omnilab_recordings.motion import drift_between, handedness, horizon
+from omnilab_recordings.handedness import drift_between, handedness, horizon
 
 FOREST = Path(__file__).resolve().parents[4] / "shared" / "data" / "bearingnet_forest_grid"
 

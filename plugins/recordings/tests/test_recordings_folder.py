@@ -14,7 +14,7 @@ from omegaconf.errors import MissingMandatoryValue
 
 from omnilab.api import GridPoses, RecordedPoses, Sensor
 from omnilab.geometry import heading_of, wrap_angle
-from omnilab.projection import panorama
+from omnilab.image import panorama
 from omnilab_recordings import Folder
 from omnilab_recordings.folder import OnBadImage
 

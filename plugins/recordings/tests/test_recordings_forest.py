@@ -10,7 +10,7 @@ import pytest
 
 from omnilab.api import GridPoses, RecordedPoses
 from omnilab.geometry import heading_of, wrap_angle
-from omnilab.projection import panorama
+from omnilab.image import panorama
 from omnilab_recordings import Folder
 
 FOREST = Path(__file__).resolve().parents[4] / "shared" / "data" / "bearingnet_forest_grid"

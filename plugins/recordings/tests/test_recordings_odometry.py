@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from omnilab.api import Circle, Frames
+from omnilab.cameras import ImageCircle
 from omnilab.errors import ConfigError, DataError
-from omnilab.projection import ImageCircle
 from omnilab.testing import check_odometry
 from omnilab_recordings import Recorded
 

@@ -24,7 +24,7 @@ from omnilab.api import (
     Signature,
     Text,
 )
-from omnilab.projection import encode
+from omnilab.image import encode
 from omnilab_rerun.colors import PLACE, TRUTH, VERDICT, Color, heat
 
 LONE_M = 0.2  # spacing of a map with a single place

@@ -22,7 +22,7 @@ from omnilab.api import (
     Tick,
 )
 from omnilab.geometry import planar_poses
-from omnilab.projection import encode
+from omnilab.image import encode
 from omnilab_rerun.colors import TRUTH, VERDICT, heat
 from omnilab_rerun.drawing import spacing_m
 

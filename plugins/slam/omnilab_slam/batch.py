@@ -9,10 +9,10 @@ import numpy as np
 
 from omnilab.api import Floats, Optimized, PoseGraph
 from omnilab.errors import ConfigError, DataError
-from omnilab.graphs import check_graph, dead_reckoning, is_loop
+from omnilab.posegraph.graph import check_graph, dead_reckoning, is_loop
 from omnilab_slam.factors import check_at_least, factors_of, noise_of, poses_of, robust, values_of
 from omnilab_slam.kernels import REDESCENDING, Kernel, check_width, weights
-from omnilab_slam.solving import FAILURES, answer, brief, check_start, levenberg_marquardt
+from omnilab_slam.solvers import FAILURES, answer, brief, check_start, levenberg_marquardt
 
 
 class Start(Enum):

@@ -1,6 +1,6 @@
 """Pose graphs as GTSAM's factor graphs. GTSAM orders rotation before translation in space, the contract after it.
 
-GTSAM's error of an edge is the logarithm in full. Its translation differs from that of `omnilab.graphs.residuals` as the
+GTSAM's error of an edge is the logarithm in full. Its translation differs from that of `omnilab.posegraph.graph.residuals` as the
 chord of an arc does from the arc: where all edges fit to a few degrees, the optima agree to five digits.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from omnilab.api import Floats, PoseGraph
 from omnilab.errors import ConfigError
-from omnilab.graphs import matrices, vectors
+from omnilab.posegraph.graph import matrices, vectors
 from omnilab_slam.kernels import Kernel, estimator
 
 ANCHOR_SIGMA = 1e-4  # m and rad, of the first pose: it costs nothing at the optimum

@@ -9,10 +9,10 @@ import numpy as np
 
 from omnilab.api import Floats, Optimized, PoseGraph
 from omnilab.errors import ConfigError
-from omnilab.graphs import check_graph, edge_chi2, is_loop
+from omnilab.posegraph.graph import check_graph, edge_chi2, is_loop
 from omnilab_slam.batch import Start, first_poses
 from omnilab_slam.factors import check_at_least, factors_of, noise_of, poses_of, values_of
-from omnilab_slam.solving import answer, check_start, guarded, parameters
+from omnilab_slam.solvers import answer, check_start, guarded, parameters
 
 
 @dataclass

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from omnilab.api import Floats, Ints, Optimized, PoseGraph
-from omnilab.graphs import arrivals, check_graph, chi2, edge_chi2, inverse, is_loop, matrices, moved, vectors
+from omnilab.posegraph.graph import arrivals, check_graph, chi2, edge_chi2, inverse, is_loop, matrices, moved, vectors
 from omnilab_slam.factors import (
     anchor,
     check_at_least,
@@ -21,7 +21,7 @@ from omnilab_slam.factors import (
     vector_of,
 )
 from omnilab_slam.kernels import Kernel, check_width, weights
-from omnilab_slam.solving import FAILURES, brief, check_start, covariances_of
+from omnilab_slam.solvers import FAILURES, brief, check_start, covariances_of
 
 LOOSE_SIGMA = 1.0  # m and rad: the tie of a pose whose update failed
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from omnilab.api import Bools, Floats, Ints
 from omnilab.geometry import wrap_angle
-from omnilab.graphs import moved
+from omnilab.posegraph.graph import moved
 from omnilab_slam.view_model import Gate, Seen, check_motion, check_pose, mahalanobis, see, turn, usable
 
 ROOM = 16  # views that there is room for at first; doubled when it is full

@@ -10,9 +10,9 @@ import numpy as np
 
 from omnilab.api import Bools, Floats, Ints
 from omnilab.geometry import wrap_angle
-from omnilab.graphs import moved
+from omnilab.posegraph.graph import moved
 from omnilab_slam.factors import check_at_least, factor_of, pose_of, poses_of, vector_of
-from omnilab_slam.solving import FAILURES, brief, levenberg_marquardt
+from omnilab_slam.solvers import FAILURES, brief, levenberg_marquardt
 from omnilab_slam.view_factor import noise_of, view_factor
 from omnilab_slam.view_model import Gate, Seen, check_motion, check_pose, mahalanobis, see, turn, usable
 

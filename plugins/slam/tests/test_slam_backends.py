@@ -11,13 +11,13 @@ import pytest
 from omnilab.api import OnlineBackend, PoseGraph
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses
-from omnilab.graph_files import read_graph
-from omnilab.graphs import between, chi2, edge_chi2, is_loop, matrices, residuals, vectors
+from omnilab.posegraph.files import read_graph
+from omnilab.posegraph.graph import between, chi2, edge_chi2, is_loop, matrices, residuals, vectors
 from omnilab.testing import check_backend
 from omnilab_slam import GtsamBatch, GtsamGnc, GtsamIsam2
 from omnilab_slam.batch import Start
+from omnilab_slam.gauss_newton import jacobians, polish
 from omnilab_slam.kernels import REDESCENDING, Kernel
-from omnilab_slam.polish import jacobians, polish
 
 DATA = Path(__file__).parents[3].parent / "shared/data/pose_graphs"
 
@@ -278,12 +278,12 @@ def test_lago_that_fails_is_one_sentence(monkeypatch):
 def test_last_steps_and_covariances_that_fail_are_said(monkeypatch):
     import gtsam
 
-    from omnilab_slam import solving
+    from omnilab_slam import solvers
 
     def fail(*arguments):
         raise RuntimeError("Factor is exactly singular")
 
-    monkeypatch.setattr(solving, "polish", fail)
+    monkeypatch.setattr(solvers, "polish", fail)
     monkeypatch.setattr(gtsam, "Marginals", fail)
     graph, _ = square(laps=1)
     found = GtsamBatch().optimize(graph, covariances=True)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.linalg import block_diag
 
 from omnilab.geometry import wrap_angle
-from omnilab.graphs import between
+from omnilab.posegraph.graph import between
 from omnilab.testing import check_view_filter
 from omnilab_slam import ViewEkf, ViewGraph
 from omnilab_slam.view_factor import own_angles

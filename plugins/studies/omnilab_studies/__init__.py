@@ -1,28 +1,28 @@
 """The studies: code that drives components and measures."""
 
 from omnilab.hooks import Register, hookimpl
-from omnilab_studies.altitude import Altitude
-from omnilab_studies.changes import Changes
-from omnilab_studies.cost import Cost
-from omnilab_studies.grid import Grid
-from omnilab_studies.joint import Joint
-from omnilab_studies.large_map import LargeMap
-from omnilab_studies.linearity import Linearity
-from omnilab_studies.local_map import LocalMap
-from omnilab_studies.localize import Localize
-from omnilab_studies.make_map import MakeMap
-from omnilab_studies.pose_graph import PoseGraphStudy
-from omnilab_studies.render import Render
-from omnilab_studies.resolution import Resolution
-from omnilab_studies.robustness import Robustness
-from omnilab_studies.room import Room
-from omnilab_studies.steps import Steps
-from omnilab_studies.topological_map import TopologicalMap
-from omnilab_studies.trajectory import Trajectory
-from omnilab_studies.view_count import ViewCount
-from omnilab_studies.view_range import ViewRange
-from omnilab_studies.view_slam import ViewSlam
-from omnilab_studies.views import Views
+from omnilab_studies.altitude.joint.study import Joint
+from omnilab_studies.altitude.study import Altitude
+from omnilab_studies.datasets.render.study import Render
+from omnilab_studies.datasets.views.study import Views
+from omnilab_studies.descriptors.cost.study import Cost
+from omnilab_studies.descriptors.linearity.study import Linearity
+from omnilab_studies.descriptors.resolution.study import Resolution
+from omnilab_studies.descriptors.robustness.study import Robustness
+from omnilab_studies.local_maps.local_map.study import LocalMap
+from omnilab_studies.local_maps.room.study import Room
+from omnilab_studies.local_maps.topological_map.study import TopologicalMap
+from omnilab_studies.localization.changes.study import Changes
+from omnilab_studies.localization.grid.study import Grid
+from omnilab_studies.localization.large_map.study import LargeMap
+from omnilab_studies.localization.localize.study import Localize
+from omnilab_studies.localization.map.study import MakeMap
+from omnilab_studies.localization.steps.study import Steps
+from omnilab_studies.pose_graph.study import PoseGraphStudy
+from omnilab_studies.trajectory.study import Trajectory
+from omnilab_studies.view_slam.study import ViewSlam
+from omnilab_studies.view_slam.view_count.study import ViewCount
+from omnilab_studies.view_slam.view_range.study import ViewRange
 
 __all__ = [
     "Altitude",

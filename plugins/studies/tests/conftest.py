@@ -21,10 +21,10 @@ from omnilab.api import (
     RandomPoses,
     Signatures,
 )
+from omnilab.cameras import ImageCircle
 from omnilab.errors import DataError
 from omnilab.geometry import heading_of, planar_poses
-from omnilab.graphs import chi2, edge_chi2, residuals
-from omnilab.projection import ImageCircle
+from omnilab.posegraph.graph import chi2, edge_chi2, residuals
 
 CAMERA = ImageCircle(16, 16, Circle(7.5, 7.5, 8))
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from omnilab.api import Circle, Frames, Heights, Image, Parts, PathPoses, Plan, RandomPoses, RecordedPoses, Series
+from omnilab.cameras import ImageCircle
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, planar_poses, wrap_angle
-from omnilab.projection import ImageCircle
-from omnilab.record import Recorder
+from omnilab.runner.recorder import Recorder
 from omnilab.testing import check_study
 from omnilab_studies import Altitude
-from omnilab_studies.altimetry import Told, sign_rate
+from omnilab_studies.altitude.results import Told, sign_rate
 
 CAMERA = ImageCircle(16, 16, Circle(7.5, 7.5, 8))
 

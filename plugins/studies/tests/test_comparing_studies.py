@@ -18,13 +18,13 @@ from omnilab.api import (
     Plan,
     Signatures,
 )
+from omnilab.cameras import ImageCircle
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, planar_poses, wrap_angle
-from omnilab.projection import ImageCircle
-from omnilab.record import Recorder
+from omnilab.runner.recorder import Recorder
 from omnilab.testing import check_study
 from omnilab_studies import Resolution, Robustness
-from omnilab_studies.square import free_square
+from omnilab_studies.common.free_area import free_square
 
 CAMERA = ImageCircle(16, 16, Circle(7.5, 7.5, 8))
 LEVELS_PER_M = 40

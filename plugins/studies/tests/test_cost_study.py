@@ -7,7 +7,7 @@ import pytest
 
 from omnilab.api import Parts
 from omnilab.errors import ConfigError, DataError
-from omnilab.record import Recorder
+from omnilab.runner.recorder import Recorder
 from omnilab.testing import check_study
 from omnilab_studies import Cost
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from omnilab.api import Circle, Estimates, Frames, GridPoses, Parts, Plan, RandomPoses, RecordedPoses, Signatures
+from omnilab.cameras import ImageCircle
 from omnilab.errors import ConfigError, DataError, PluginError
 from omnilab.geometry import heading_of, planar_poses
-from omnilab.projection import ImageCircle
-from omnilab.record import Recorder
+from omnilab.runner.recorder import Recorder
 from omnilab.testing import check_study
 from omnilab_studies import Grid
-from omnilab_studies.grid import Queries
+from omnilab_studies.localization.grid.study import Queries
 
 CAMERA = ImageCircle(16, 16, Circle(7.5, 7.5, 8))
 

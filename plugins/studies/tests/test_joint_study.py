@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from omnilab.api import Circle, Estimates, Frames, GridPoses, Heights, Match, Parts, Plan, RandomPoses, Signatures
+from omnilab.cameras import ImageCircle
 from omnilab.errors import ConfigError
 from omnilab.geometry import planar_poses
-from omnilab.projection import ImageCircle
-from omnilab.record import Recorder
+from omnilab.runner.recorder import Recorder
 from omnilab.testing import check_study
 from omnilab_studies import Joint
 

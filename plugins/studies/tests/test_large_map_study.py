@@ -10,11 +10,11 @@ import pytest
 
 from omnilab.api import Estimates, GridPoses, Mesh, Parts, Places, RandomPoses, Signatures
 from omnilab.errors import ConfigError
-from omnilab.record import Recorder
+from omnilab.runner.recorder import Recorder
 from omnilab.testing import check_study
 from omnilab_studies import LargeMap
-from omnilab_studies.searched import array_bytes, exponent
-from omnilab_studies.side_by_side import GAP_M, SideBySide, in_worlds
+from omnilab_studies.localization.large_map.search_cost import array_bytes, exponent
+from omnilab_studies.localization.large_map.side_by_side import GAP_M, SideBySide, in_worlds
 
 
 @dataclass

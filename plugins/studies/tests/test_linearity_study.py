@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from omnilab.api import Parts, PathPoses, Series, Text
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of
-from omnilab.record import Recorder
+from omnilab.runner.recorder import Recorder
 from omnilab.testing import check_study
 from omnilab_studies import Linearity
-from omnilab_studies.charts import markdown, pareto_front
-from omnilab_studies.curves import Curve, lines_on_grid
+from omnilab_studies.common.charts import markdown, pareto_front
+from omnilab_studies.descriptors.linearity.curves import Curve, lines_on_grid
 
 X = np.arange(1, 23) / 10
 

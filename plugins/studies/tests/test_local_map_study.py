@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from omnilab.api import Arrangement, Graph, Parts, RandomPoses, Signatures
 from omnilab.errors import ConfigError, DataError
-from omnilab.record import Recorder
+from omnilab.runner.recorder import Recorder
 from omnilab.testing import check_study
 from omnilab_studies import LocalMap
-from omnilab_studies.map_makers import FULL, arranged, nearest_edges, springs
-from omnilab_studies.trials import Case, Times, trial_of
+from omnilab_studies.local_maps.embedders import FULL, arranged, nearest_edges, springs
+from omnilab_studies.local_maps.results import Case, Times, trial_of
 
 SQUARE = np.array([[0, 0], [1, 0], [0, 1], [1, 1], [0.5, 0.4]])
 ROUNDING_M = 2 / 60  # positions are painted in whole grey levels, 60 a metre

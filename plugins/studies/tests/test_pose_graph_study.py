@@ -9,13 +9,13 @@ import pytest
 
 from omnilab.api import Graph, Optimized, Parts, PoseGraph
 from omnilab.errors import ConfigError, DataError
-from omnilab.graph_files import g2o_text, read_graph
-from omnilab.graphs import between, check_graph, chi2, edge_chi2, is_loop, matrices
-from omnilab.record import Recorder
+from omnilab.posegraph.files import g2o_text, read_graph
+from omnilab.posegraph.graph import between, check_graph, chi2, edge_chi2, is_loop, matrices
+from omnilab.runner.recorder import Recorder
 from omnilab.testing import check_study
 from omnilab_studies import PoseGraphStudy
-from omnilab_studies.graph_figures import colors, deviations
-from omnilab_studies.walks import Walk, with_wrong_loops
+from omnilab_studies.pose_graph.figures import colors, deviations
+from omnilab_studies.pose_graph.simulated_graphs import Walk, with_wrong_loops
 
 
 @dataclass

@@ -13,16 +13,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from omnilab.api import Circle, Frames, GridPoses, Parts, PathPoses, Plan, RandomPoses, RecordedPoses
+from omnilab.cameras import EquirectangularCamera, ImageCircle, load_camera
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses, poses, rotation_xyz
-from omnilab.projection import EquirectangularCamera, ImageCircle, load_camera
-from omnilab.record import Recorder
+from omnilab.runner.recorder import Recorder
 from omnilab.testing import check_study
-from omnilab.trajectory_files import read_trajectory
+from omnilab.trajectory.files import read_trajectory
 from omnilab_studies import Render
-from omnilab_studies.columns import column
-from omnilab_studies.dataset import DataSet
-from omnilab_studies.render import Where
+from omnilab_studies.common.dataset_files import DataSet
+from omnilab_studies.common.image_columns import column
+from omnilab_studies.datasets.render.study import Where
 
 CAMERA = EquirectangularCamera(24, 12)
 

@@ -13,11 +13,11 @@ from scipy.sparse.csgraph import csgraph_from_dense, shortest_path
 from omnilab.api import Arrangement, Match, Parts, PathPoses
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of
-from omnilab.record import Recorder
+from omnilab.runner.recorder import Recorder
 from omnilab.testing import check_study
 from omnilab_studies import TopologicalMap
-from omnilab_studies.square import window
-from omnilab_studies.whole_maps import WholeCase, WholeMap, geodesic, grid_edges
+from omnilab_studies.common.free_area import window
+from omnilab_studies.local_maps.topological_map.results import WholeCase, WholeMap, geodesic, grid_edges
 
 
 @dataclass

@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from omnilab.api import Circle, Frames, Motion, PoseGraph
+from omnilab.cameras import ImageCircle
 from omnilab.geometry import heading_of, planar_poses
-from omnilab.graphs import between, moved
-from omnilab.projection import ImageCircle
-from omnilab_studies.displacements import drawn
-from omnilab_studies.scales import optimize
-from omnilab_studies.trajectory import jittered
+from omnilab.posegraph.graph import between, moved
+from omnilab_studies.common.match_images import drawn
+from omnilab_studies.trajectory.scale_estimation import optimize
+from omnilab_studies.trajectory.study import jittered
 
 CAMERA = ImageCircle(16, 16, Circle(7.5, 7.5, 8))
 

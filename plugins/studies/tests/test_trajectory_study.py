@@ -23,18 +23,18 @@ from omnilab.api import (
     Text,
     Unusable,
 )
+from omnilab.cameras import ImageCircle
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses, wrap_angle
-from omnilab.graph_files import read_graph
-from omnilab.graphs import inverse, matrices, vectors
-from omnilab.projection import ImageCircle
-from omnilab.record import Recorder
+from omnilab.posegraph.files import read_graph
+from omnilab.posegraph.graph import inverse, matrices, vectors
+from omnilab.runner.recorder import Recorder
 from omnilab.testing import check_study
-from omnilab.trajectory_files import read_trajectory
+from omnilab.trajectory.files import read_trajectory
 from omnilab_studies import Trajectory
-from omnilab_studies.loops import judge
-from omnilab_studies.mapper import Mapper
-from omnilab_studies.sources import Source
+from omnilab_studies.common.pose_sources import Source
+from omnilab_studies.trajectory.front_end import Mapper
+from omnilab_studies.trajectory.loop_evaluation import judge
 
 CAMERA = ImageCircle(16, 16, Circle(7.5, 7.5, 8))
 LAP = 24

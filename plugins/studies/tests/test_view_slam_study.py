@@ -13,17 +13,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from omnilab.api import Circle, Frames, Image, Motion, NamedPath, Parts, PathPoses, Plan, RecordedPoses, Unusable
+from omnilab.cameras import ImageCircle
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, planar_poses, wrap_angle
-from omnilab.graphs import between, inverse, moved, vectors
-from omnilab.projection import ImageCircle
-from omnilab.record import Recorder
+from omnilab.posegraph.graph import between, inverse, moved, vectors
+from omnilab.runner.recorder import Recorder
 from omnilab.testing import check_study
 from omnilab_studies import ViewSlam
-from omnilab_studies.displacements import pair
-from omnilab_studies.sources import Source
-from omnilab_studies.view_mapper import Association, ViewMapper, angles_of, similarity
-from omnilab_studies.view_slam import spaced
+from omnilab_studies.common.match_images import pair
+from omnilab_studies.common.pose_sources import Source
+from omnilab_studies.view_slam.front_end import Association, ViewMapper, angles_of, similarity
+from omnilab_studies.view_slam.study import spaced
 
 CAMERA = ImageCircle(16, 16, Circle(7.5, 7.5, 8))
 

@@ -11,16 +11,16 @@ from scipy.stats import chi2
 from omnilab.api import Parts, Text
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import wrap_angle
-from omnilab.graphs import moved
-from omnilab.record import Recorder
+from omnilab.posegraph.graph import moved
+from omnilab.runner.recorder import Recorder
 from omnilab.testing import check_study
 from omnilab_studies import ViewCount, ViewRange
-from omnilab_studies.consistency import chi2_quantile, ellipses, errors, nees, nees_bounds
-from omnilab_studies.view_count import with_exponents
-from omnilab_studies.view_drives import Drives, line_of_sight
-from omnilab_studies.view_rivals import Ran, drives_of, row_of
-from omnilab_studies.view_runs import follow, position_rms, trace_nees
-from omnilab_studies.view_scenarios import lap, scenario, shipped
+from omnilab_studies.view_slam.consistency import chi2_quantile, ellipses, errors, nees, nees_bounds
+from omnilab_studies.view_slam.drives import Drives, line_of_sight
+from omnilab_studies.view_slam.filter_comparison import Ran, drives_of, row_of
+from omnilab_studies.view_slam.filter_runs import follow, position_rms, trace_nees
+from omnilab_studies.view_slam.scenarios import lap, scenario, shipped
+from omnilab_studies.view_slam.view_count.study import with_exponents
 
 GOOD = """
 path_m: [[0, 0], [8, 0], [8, 6], [0, 6]]

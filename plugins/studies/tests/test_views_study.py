@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from omnilab.api import Frames, Image, Parts, PathPoses, Plan, PointCloud, Pose
+from omnilab.cameras import EquirectangularCamera
 from omnilab.errors import ConfigError
 from omnilab.geometry import rotation_xyz
-from omnilab.projection import EquirectangularCamera
-from omnilab.record import Recorder
+from omnilab.runner.recorder import Recorder
 from omnilab.testing import check_study
 from omnilab_studies import Views
 

@@ -1,0 +1,49 @@
+"""What a study returns, and the recorder that it logs to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy.typing as npt
+
+from omnilab.api.data import Places, T
+from omnilab.api.records import Record, Tick
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One measured figure. Nothing in it may depend on the clock."""
+
+    name: str
+    value: float
+    unit: str  # "1" for ratios and counts
+    interval: tuple[float, float] | None = None  # 95 % confidence, where it was estimated
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a study found. The first three metrics are the ones that tables of runs show."""
+
+    metrics: Sequence[Metric]
+    tables: Mapping[str, Mapping[str, Sequence[Any] | npt.NDArray[Any]]] = field(default_factory=dict)
+    figures: Mapping[str, Any] = field(default_factory=dict)  # matplotlib figures, by file name without ending
+    map: Places | None = None  # to be kept, so that other runs can localise in it
+    files: Mapping[str, str] = field(
+        default_factory=dict
+    )  # texts for the run's folder, by file name: trajectories, graphs
+
+
+class Recorder(Protocol):
+    """What a study gets to tell the world how it goes."""
+
+    def log(self, path: str, record: Record, tick: Tick | None = None) -> None:
+        """Hand one record to every sink. Without a tick it holds for the whole run."""
+
+    def track(self, items: Iterable[T], stage: str, total: int, size: Any = len) -> Iterator[T]:
+        """Pass `items` on, telling the sinks after each how far the stage is (`size` of an item counts its parts)."""
+
+    def timed(self, stage: str, count: int = 1) -> AbstractContextManager[None]:
+        """Measure the wall time of a stage over `count` items; the sums land in the run's cost table."""

@@ -1,0 +1,111 @@
+"""What is done to images before they are described or logged: grey levels, views, panoramas, JPEG. Imports no camera model.
+
+Conventions (azimuth, image axes, frames) are those of `omnilab.api`.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from omnilab.api import Bytes, Camera, Floats
+from omnilab.errors import ConfigError, DataError
+
+if TYPE_CHECKING:
+    from omnilab.cameras import RayCamera
+
+PANORAMA_SHAPE = (128, 512)  # rows, columns: about the resolution that a 250 x 250 mirror image has at mid radius
+UNSEEN = -1e4  # the pixel of a direction that has none
+
+
+def to_gray(images: Bytes) -> Bytes:
+    """Grey images (N, H, W) of grey or RGB ones (N, H, W, 3): Rec. 601 luma, as OpenCV computes it."""
+    if images.ndim == 3:
+        return images
+    import cv2
+
+    n, h, w, _ = images.shape
+    return np.asarray(cv2.cvtColor(images.reshape(n * h, w, 3), cv2.COLOR_RGB2GRAY), np.uint8).reshape(n, h, w)
+
+
+def to_color(images: Bytes) -> Bytes:
+    """RGB images (N, H, W, 3) of RGB or grey ones (N, H, W)."""
+    return images if images.ndim == 4 else np.repeat(images[..., None], 3, axis=-1)
+
+
+def mirror_view(images: Bytes, camera: Camera) -> Bytes:
+    """The square around the image circle, (N, S, S[, 3]); what lies beyond the frame is left out on both sides."""
+    ring = camera.circle
+    if ring.radius == 0:
+        raise DataError(
+            f"a {type(camera).__name__} has no image circle; use a descriptor whose view is 'panorama' instead of 'mirror'"
+        )
+    half = min(ring.radius, ring.cx + 0.5, camera.width - 0.5 - ring.cx, ring.cy + 0.5, camera.height - 0.5 - ring.cy)
+    side = int(2 * half + 1e-6)
+    if side < 8:
+        raise DataError(
+            f"the image circle at ({ring.cx:.0f}, {ring.cy:.0f}) with radius {ring.radius:.0f} leaves {max(side, 0)} pixels"
+            f" of a {camera.width} x {camera.height} image; give a centre inside the image"
+        )
+    left, top = round(ring.cx + 0.5 - side / 2), round(ring.cy + 0.5 - side / 2)
+    return images[:, top : top + side, left : left + side]
+
+
+def panorama(images: Bytes, camera: Camera, shape: tuple[int, int] = PANORAMA_SHAPE) -> Bytes:
+    """Panoramas (N, rows, columns[, 3]): up is up, column j looks to azimuth 2 pi j / columns (counter-clockwise).
+
+    What the camera does not show is black.
+    """
+    import cv2
+
+    map_u, map_v = _panorama_map(camera, shape)  # type: ignore[arg-type]  # cameras are frozen dataclasses
+    unwrapped = [cv2.remap(image, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for image in images]
+    pictures = np.stack(unwrapped).astype(np.uint8, copy=False)
+    pictures[:, map_u < UNSEEN / 2] = 0
+    return pictures
+
+
+@lru_cache(maxsize=8)
+def _panorama_map(camera: Camera, shape: tuple[int, int]) -> tuple[Floats, Floats]:
+    rows, columns = shape
+    azimuth = 2 * np.pi * np.arange(columns) / columns
+    level = 1 - (np.arange(rows) + 0.5) / rows
+    uv = camera.unwrap(*np.broadcast_arrays(azimuth[None, :], level[:, None])).astype(np.float32)
+    uv[np.isnan(uv).any(-1)] = UNSEEN
+    return np.ascontiguousarray(uv[..., 0]), np.ascontiguousarray(uv[..., 1])
+
+
+def point_cloud(depth_m: Floats, camera: RayCamera, T_world_camera: Floats) -> Floats:
+    """World points (H, W, 3) that the pixels of a camera at a pose (4, 4) see at `depth_m` (H, W) along their rays.
+
+    NaN where a pixel sees nothing (Berenguer, thesis, figure 3.13).
+    """
+    v, u = np.indices(depth_m.shape)
+    pixels = np.stack([u, v], -1).astype(float)
+    far = np.where(np.isfinite(depth_m), depth_m, np.nan)[..., None]
+    points = camera.origins(pixels) + far * camera.directions(pixels)
+    return np.asarray(points @ T_world_camera[:3, :3].T + T_world_camera[:3, 3])
+
+
+def view_of(images: Bytes, camera: Camera, view: str, color: bool) -> Bytes:
+    """The pictures that a descriptor asks for with its class attributes `view` and `color`."""
+    images = to_color(images) if color else to_gray(images)
+    if view == "mirror":
+        return mirror_view(images, camera)
+    if view == "panorama":
+        return panorama(images, camera)
+    raise ConfigError(f"view={view!r} is not known; a descriptor's view is 'mirror' or 'panorama'")
+
+
+def encode(pixels: Bytes, format: str = "jpeg") -> bytes:
+    """A picture (H, W) or RGB (H, W, 3) as JPEG (quality 85) or PNG."""
+    import cv2
+
+    bgr = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
+    options = [cv2.IMWRITE_JPEG_QUALITY, 85] if format == "jpeg" else []
+    good, data = cv2.imencode(f".{format}", np.ascontiguousarray(bgr), options)
+    if not good:
+        raise DataError(f"a picture of shape {pixels.shape} cannot be written as {format}; use jpeg or png")
+    return bytes(data)

@@ -1,0 +1,152 @@
+"""From a composed configuration to live components, every slot checked."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, cast
+
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
+
+from omnilab.errors import ConfigError, DataError
+from omnilab.runner.config import Run, components_of, structured
+from omnilab.runner.map_file import about_map, map_file
+from omnilab.runner.registry import DICTS, KINDS, Registry, members
+
+log = logging.getLogger("omnilab")
+
+
+def build(config: DictConfig, registry: Registry) -> Run:
+    """Live components from a composed configuration, each slot checked against its Protocol."""
+    _refuse_unknown(config)
+    if not OmegaConf.is_missing(config, "map") and config.map is not None:
+        _fill_from_map(config, registry)
+    try:
+        run = OmegaConf.to_object(config)
+    except MissingMandatoryValue as error:
+        key = str(error.full_key)
+        raise ConfigError(f"{key} is not set and has no default; give {key}=VALUE") from error
+    except OmegaConfBaseException as error:
+        raise ConfigError(f"{error.full_key}: {str(error).splitlines()[0]}") from error
+    assert isinstance(run, Run)
+    for name in DICTS:  # null leaves a member out, as it does a slot
+        setattr(run, name, {key: member for key, member in getattr(run, name).items() if member is not None})
+    if run.distance is None and run.descriptor is not None and not isinstance(run.descriptor, dict):
+        run.distance = registry.get("distance", run.descriptor.default_distance).cls()
+    for path, kind, value in components_of(vars(run)):
+        _check_slot(path, kind, value, registry)
+    if run.threads < 1:
+        raise ConfigError(f"threads={run.threads} cannot compute anything; give threads=1 or more")
+    if run.seed < 0:
+        raise ConfigError(f"seed={run.seed} starts no random numbers; give seed=0 or more")
+    if not run.cache_gb > 0:
+        raise ConfigError(f"cache_gb={run.cache_gb:g} holds nothing; give a number above 0, or cache=off")
+    lacking = [slot for slot in run.study.needs if not _is_filled(getattr(run, slot))]
+    if lacking:
+        options = "; ".join(_way_to_fill(slot, registry) for slot in lacking)
+        raise ConfigError(f"the study needs a {' and a '.join(lacking)}, and none is chosen; give {options}")
+    return run
+
+
+def _fill_from_map(config: DictConfig, registry: Registry) -> None:
+    """A map is asked with the descriptor that made it, and unless another is chosen with its distance."""
+    path = map_file(Path(str(config.map)))
+    about = about_map(path)
+    for slot in ("descriptor", "distance"):
+        if slot not in about["components"] or slot not in about["config"]:
+            raise DataError(f"{path} does not say with which {slot} it was made; make it anew: omnilab experiment=map")
+    own = _component("descriptor", "descriptor", about["config"]["descriptor"], about, registry)
+    if config.descriptor is not None and (
+        OmegaConf.get_type(config.descriptor) is not OmegaConf.get_type(own) or config.descriptor != own
+    ):
+        raise ConfigError(
+            f"{path} was described by {_brief(about, own)}, and the run's descriptor is another or set otherwise; leave"
+            " descriptor=... out, or make a map with it"
+        )
+    used = about["components"]["descriptor"]
+    here = registry.components["descriptor", used["name"]].plugin.version
+    if used.get("version") != here:
+        log.warning("%s was described by version %s of %s, and %s is installed: distances may not mean the same",
+                    path, used.get("version"), used.get("distribution"), here)  # fmt: skip
+    config.map, config.descriptor = str(path), own
+    if config.distance is None:
+        config.distance = _component("distance", "distance", about["config"]["distance"], about, registry)
+
+
+def _brief(about: Mapping[str, Any], settings: DictConfig) -> str:
+    """A component with its settings, in a few words."""
+    return f"{about['components']['descriptor']['name']} ({', '.join(f'{k!s}={v}' for k, v in settings.items())})"
+
+
+def _is_filled(value: Any) -> bool:
+    return value is not None and value != {}
+
+
+def _way_to_fill(slot: str, registry: Registry) -> str:
+    if slot == "map":
+        return "map=FILE, of a run of experiment=map"
+    if slot not in DICTS:
+        return f"{slot}={'|'.join(registry.names(slot))}"
+    kind = DICTS[slot]
+    return f"+{kind}@{slot}.NAME={'|'.join(registry.names(kind))}"
+
+
+def _refuse_unknown(config: DictConfig) -> None:
+    """ConfigError if a setting belongs to no field."""
+    for path, settings in structured(config):
+        known = {f.name for f in fields(cast("type[Any]", OmegaConf.get_type(settings)))}
+        unknown = [str(key) for key in settings if key not in known]
+        if unknown:  # Hydra adds whatever follows a +
+            raise ConfigError(
+                f"'{path}{unknown[0]}' is not a setting, so +{path}{unknown[0]} does nothing; leave it out"
+            )
+
+
+def _check_slot(path: str, kind: str, value: Any, registry: Registry) -> None:
+    if value is None:
+        return
+    if isinstance(value, dict):
+        names = registry.names(kind)
+        first = names[0] if names else "NAME"
+        way = (
+            f"start it with `defaults: [{first}, _self_]`"
+            if path == kind
+            else f"choose one, as in +{kind}@{path}={first}"
+        )
+        raise ConfigError(f"{path} is plain YAML without a component; {way} (registered: {', '.join(names)})")
+    lacking = [member for member in members(KINDS[kind]) if not hasattr(value, member)]
+    if lacking:
+        raise ConfigError(f"{path} is a {type(value).__name__}, which lacks {', '.join(lacking)}; choose a {kind}")
+
+
+def again(saved: Mapping[str, Any], manifest: Mapping[str, Any], registry: Registry) -> Run:
+    """The run that a saved configuration and manifest describe, with the components that are installed now."""
+    config = OmegaConf.structured(Run)
+    for name in saved.keys() - KINDS.keys() - DICTS.keys():
+        config[name] = saved[name]
+    for path, kind, settings in components_of(saved):
+        if settings is not None:
+            OmegaConf.update(config, path, _component(path, kind, settings, manifest, registry))
+    return build(config, registry)
+
+
+def _component(
+    slot: str, kind: str, settings: Mapping[str, Any], manifest: Mapping[str, Any], registry: Registry
+) -> DictConfig:
+    used = manifest["components"][slot]
+    component = registry.components.get((kind, used["name"]))
+    if component is None:
+        raise ConfigError(f"{registry.missing(kind, used['name'])}; the run had it from {used['distribution']}")
+    cls = component.cls
+    try:
+        merged = OmegaConf.merge(OmegaConf.structured(cls), settings)
+    except OmegaConfBaseException as error:
+        reason = str(error).splitlines()[0]
+        raise ConfigError(
+            f"the run's {slot} no longer fits {cls.__name__} ({reason}); run the experiment anew"
+        ) from error
+    assert isinstance(merged, DictConfig)
+    return merged

@@ -1,0 +1,256 @@
+"""The command line: our commands, those that plugins add, and for everything else Hydra's."""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import re
+import sys
+from collections.abc import Sequence
+from dataclasses import fields
+from importlib.resources import files
+from pathlib import Path
+
+from omnilab import hooks
+from omnilab.errors import ConfigError, DataError, OmnilabError, did_you_mean
+from omnilab.runner.interrupts import uninterrupted
+from omnilab.runner.registry import KINDS, Registry, discover
+from omnilab.runner.run_folder import KILLED, RUNNING, LoadedRun, Logbook, find_runs, load_run, new_folder_name
+from omnilab.runner.terminal import headline, print_error, print_table, short, show_run
+
+HELP = """\
+omnilab: experiments in omnidirectional vision.
+
+omnilab [-m] [experiment=NAME] [OVERRIDE ...]   run an experiment (-m: a sweep over comma-separated values)
+omnilab {commands}   (each with --help)
+
+{names}
+
+A component's settings: omnilab plugins NAME. The whole configuration: omnilab experiment=NAME --cfg job
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run a command; a user's mistake is one line and exit code 2, a bug is a traceback."""
+    argv = list(sys.argv[1:] if argv is None else argv)
+    try:
+        code = _dispatch(argv)
+    except OmnilabError as error:
+        print_error(str(error))
+        code = 2
+    except KeyboardInterrupt:
+        print_error("interrupted; the logs are complete up to here")
+        code = 130
+    except BrokenPipeError:  # the reader of a table has seen enough
+        code = 0
+    sys.exit(code)
+
+
+def _dispatch(argv: list[str]) -> int:
+    if argv and argv[0] in COMMANDS:
+        return COMMANDS[argv[0]](argv[1:])
+    if argv == ["--version"]:
+        from omnilab import __version__
+
+        sys.stdout.write(f"omnilab {__version__}\n")
+        return 0
+    if argv and re.fullmatch(r"[a-z]+", argv[0]):
+        return _plugins_command(argv[0])(argv[1:])
+    with uninterrupted():
+        from omnilab.runner.hydra_app import experiment
+
+        registry = discover_loudly()
+    if "--help" in argv or "-h" in argv:
+        return _help(registry)
+    return experiment(argv, registry)
+
+
+def _help(registry: Registry) -> int:
+    """What can be run. Hydra's own help copies all settings of all components for each kind, which takes seconds."""
+    experiments = (path.name for path in (files("omnilab.conf") / "experiment").iterdir())
+    names = {"experiment": sorted(name.removesuffix(".yaml") for name in experiments if name.endswith(".yaml"))}
+    names |= {kind: registry.names(kind) for kind in KINDS}
+    sys.stdout.write(
+        HELP.format(
+            commands=" | ".join([*COMMANDS, *sorted(registry.commands)]),
+            names="\n".join(f"{kind}: {', '.join(names[kind])}" for kind in sorted(names)),
+        )
+    )
+    return 0
+
+
+def _plugins_command(name: str) -> hooks.Command:
+    commands = discover_loudly().commands
+    if name not in commands:
+        known = [*COMMANDS, *sorted(commands)]
+        raise ConfigError(
+            f"'{name}' is no command; there is {', '.join(known)}, and overrides such as experiment=grid"
+            + did_you_mean(name, known)
+        )
+    return commands[name]
+
+
+def discover_loudly() -> Registry:
+    """All plugins; a line on standard error for each that failed."""
+    registry = discover()
+    for failure in registry.failures:
+        print_error(f"{failure.sentence} (omnilab plugins -v shows the traceback)")
+    return registry
+
+
+def plugins(argv: list[str]) -> int:
+    """List every component there is, failures last; or show the manual of those that are named."""
+    parser = argparse.ArgumentParser("omnilab plugins", description=plugins.__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help="show the manual and the settings of this component")
+    parser.add_argument("-v", "--verbose", action="store_true", help="show the tracebacks of plugins that failed")
+    options = parser.parse_args(argv)
+    registry = discover()
+    if options.names:
+        _print_manuals(options.names, registry)
+        return 0
+    _print_plugins(registry)
+    for failure in registry.failures:
+        print_error(failure.sentence)
+        if options.verbose:
+            sys.stderr.write(failure.traceback)
+    return 1 if registry.failures else 0
+
+
+def _print_plugins(registry: Registry) -> None:
+    from rich.console import Console
+    from rich.padding import Padding
+
+    console = Console(highlight=False)
+    for kind in KINDS:
+        console.print(f"[bold]{kind}[/bold]")
+        for name in registry.names(kind):
+            component = registry.get(kind, name)
+            cls, plugin = component.cls, component.plugin
+            origin = f"{cls.__module__}.{cls.__qualname__}, {plugin.distribution} {plugin.version}"
+            console.print(f"  [cyan]{name}[/cyan]  [dim]{origin}[/dim]", soft_wrap=True)
+            console.print(Padding(component.summary, (0, 0, 0, 6)), markup=False)
+
+
+def _print_manuals(names: Sequence[str], registry: Registry) -> None:
+    from rich.console import Console
+
+    console = Console(highlight=False, soft_wrap=True)
+    for name in names:
+        found = [component for component in registry.components.values() if component.name == name]
+        if not found:
+            known = sorted({component.name for component in registry.components.values()})
+            raise ConfigError(f"there is no component '{name}'; there is {', '.join(known)}{did_you_mean(name, known)}")
+        for component in found:
+            console.print(f"[bold]{component.kind}={name}[/bold]  [dim]{component.plugin.title}[/dim]")
+            console.print(inspect.cleandoc(component.cls.__doc__ or "(no docstring)") + "\n", markup=False)
+            for line in settings_of(component.cls):
+                console.print(f"    {line}", markup=False)
+
+
+def settings_of(cls: type) -> list[str]:
+    """The lines of a component's source that declare its settings, comments and all."""
+    wanted = {field.name for field in fields(cls)}
+    classes = [c for c in reversed(cls.__mro__) if "__dataclass_fields__" in vars(c)]
+    lines = (line.strip() for c in classes for line in inspect.getsource(c).splitlines())
+    declared = {found[1]: line for line in lines if (found := re.match(r"(\w+): ", line)) and found[1] in wanted}
+    return list(declared.values())
+
+
+def runs(argv: list[str]) -> int:
+    """List the runs there are, with their status and main metrics."""
+    parser = argparse.ArgumentParser("omnilab runs", description=runs.__doc__)
+    parser.add_argument("logs", nargs="?", type=Path, default=Path("logs"), help="where to look (default: logs)")
+    options = parser.parse_args(argv)
+    rows = [[str(run.folder.relative_to(options.logs)), *_described(run)] for run in find_runs(options.logs)]
+    print_table(["run", "status", "main metrics", "overrides"], rows)
+    return 0
+
+
+def _described(run: LoadedRun) -> list[str]:
+    """Status, main metrics, overrides; a damaged run must not hide the others."""
+    try:
+        return [run.state, headline(run), " ".join(o for o in run.manifest["overrides"] if o[:11] != "experiment=")]
+    except DataError as error:
+        return ["unreadable", str(error), ""]
+
+
+def view(argv: list[str]) -> int:
+    """Open a run's recording in Rerun, or take its picture without a display."""
+    parser = _run_parser("omnilab view", view.__doc__)
+    parser.add_argument("--screenshot", type=Path, metavar="FILE", help="write a PNG instead of opening a window")
+    parser.add_argument("--step", type=int, help="the step to show in the picture (default: the last with an image)")
+    options = parser.parse_args(argv)
+    registry = discover_loudly()
+    run = load_run(options.run)
+    if run.state == KILLED:
+        mend(run, registry)
+    registry.get("sink", "rerun").cls().view(run.folder, screenshot=options.screenshot, step=options.step)
+    if options.screenshot is not None:
+        print_error(f"the picture is {options.screenshot}")
+    return 0
+
+
+def repeat(argv: list[str]) -> int:
+    """Run a run's configuration and seed again, and say whether the metrics are the same (exit code 1 if not)."""
+    options = _run_parser("omnilab repeat", repeat.__doc__).parse_args(argv)
+    from omnilab.runner.build import again
+    from omnilab.runner.execute import execute
+
+    registry = discover_loudly()
+    first = load_run(options.run)
+    if "components" not in first.manifest:
+        raise DataError(f"{options.run} could not be built, so there is nothing to repeat: {first.status.get('error')}")
+    if not first.metrics:
+        raise DataError(
+            f"{options.run} did not finish ({first.state}), so there is nothing to compare with; run it anew"
+        )
+    run = again(first.config, first.manifest, registry)
+    name = str(first.manifest["experiment"])
+    folder = Path(run.logs) / name / new_folder_name()
+    execute(run, folder, registry, first.manifest["overrides"], name)
+    show_run(folder)
+    second = load_run(folder).metrics
+    different = [n for n in first.metrics | second if repr(first.metrics.get(n)) != repr(second.get(n))]
+    if different:
+        print_error(f"the metrics differ from {short(first.folder)}: {', '.join(different)}")
+        return 1
+    print_error(f"the metrics are the same as in {short(first.folder)}, bit for bit")
+    return 0
+
+
+def repair(argv: list[str]) -> int:
+    """Mend the logs of a run that was killed."""
+    options = _run_parser("omnilab repair", repair.__doc__).parse_args(argv)
+    run = load_run(options.run)
+    if run.state == RUNNING:
+        raise DataError(f"{options.run} is still running (process {run.status['pid']}); wait for it, or end it first")
+    if not mend(run, discover_loudly()):
+        print_error(f"{short(run.folder)} is whole, nothing to repair")
+    return 0
+
+
+def mend(run: LoadedRun, registry: Registry) -> list[str]:
+    """Every sink's repair of a run's files: what was done, in sentences."""
+    done = [s for name in registry.names("sink") if (s := registry.get("sink", name).cls().repair(run.folder))]
+    for sentence in done:
+        print_error(sentence)
+    if run.state == KILLED:
+        Logbook(run.folder).status(KILLED)
+    return done
+
+
+def _run_parser(command: str, description: str | None) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(command, description=description)
+    parser.add_argument(
+        "run", nargs="?", type=Path, default=Path("logs/latest"), help="run folder (default: the latest)"
+    )
+    return parser
+
+
+COMMANDS: dict[str, hooks.Command] = {
+    "plugins": plugins,
+    "runs": runs,
+    "view": view,
+    "repeat": repeat,
+    "repair": repair,
+}

@@ -1,0 +1,149 @@
+"""Executes a run: its folder, its recorder, its threads, its signals; its results, whatever happens."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import resource
+import signal
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import fields
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from omegaconf import OmegaConf
+
+from omnilab.api import Parts, Report
+from omnilab.errors import OmnilabError
+from omnilab.runner.config import Run, named_components, resolved, resolved_yaml
+from omnilab.runner.fingerprint import file_digests
+from omnilab.runner.map_file import FILE, load_places, save_map
+from omnilab.runner.recorder import Recorder
+from omnilab.runner.registry import Registry
+from omnilab.runner.run_folder import DONE, FAILED, INTERRUPTED, Logbook, origin
+from omnilab.runner.signature_cache import Cache
+
+OFF = ("off", "false")  # what YAML makes of off
+
+log = logging.getLogger("omnilab")
+
+
+def execute(run: Run, folder: Path, registry: Registry, overrides: Sequence[str] = (), experiment: str = "") -> Report:
+    """Run the study, and leave a complete run folder whatever happens."""
+    config_yaml = resolved_yaml(run)
+    book = Logbook(folder)
+    book.open(manifest_of(run, registry, overrides, experiment, config_yaml), config_yaml, Path(run.logs) / "latest")
+    recorder = Recorder(run.sinks, folder)
+    cache = _cache(run)
+    start = time.perf_counter()
+    log.info("run of experiment '%s' starts: %s", experiment, " ".join(overrides))
+    try:
+        with _signals(recorder), recorder, pinned(run.threads):
+            for failure in registry.failures:
+                log.info("%s", failure.sentence)  # the command line has told the user
+            report: Report = run.study.run(_parts(run, registry, cache), recorder, np.random.default_rng(run.seed))
+            book.write(report)
+            if report.map is not None:
+                save_map(folder / FILE, report.map, _about(run, registry))
+    except KeyboardInterrupt:
+        book.status(INTERRUPTED, sinks_dropped=recorder.dropped)
+        raise
+    except Exception as error:
+        log.error("the run failed: %s", error, exc_info=not isinstance(error, OmnilabError))
+        book.status(FAILED, error=f"{type(error).__name__}: {error}", sinks_dropped=recorder.dropped)
+        raise
+    else:
+        book.status(DONE, sinks_dropped=recorder.dropped)
+        log.info("done in %.1f s", time.perf_counter() - start)
+    finally:
+        book.write_costs(_costs(recorder, cache, time.perf_counter() - start))
+        book.close()
+    return report
+
+
+def manifest_of(
+    run: Run, registry: Registry, overrides: Sequence[str], experiment: str, config_yaml: str
+) -> dict[str, Any]:
+    """What is needed to know, and to repeat, a run."""
+    return {
+        "experiment": experiment,
+        "overrides": list(overrides),
+        "seed": run.seed,
+        "config_hash": hashlib.sha256(config_yaml.encode()).hexdigest(),
+        "components": named_components(run, registry),
+        "files": file_digests("", run),
+        "plugins_failed": [failure.sentence for failure in registry.failures],
+        **origin(),
+    }
+
+
+def _about(run: Run, registry: Registry) -> dict[str, Any]:
+    """What a saved map says of the components that made it."""
+    slots = ("descriptor", "distance", "sensor")
+    named = named_components(run, registry)
+    config = OmegaConf.to_container(resolved(run), enum_to_str=True)
+    assert isinstance(config, dict)
+    return {
+        "components": {slot: named[slot] for slot in slots if slot in named},
+        "config": {slot: config[slot] for slot in slots if slot in named},
+        "omnilab": version("omnilab"),
+    }
+
+
+def _cache(run: Run) -> Cache | None:
+    """Where descriptions are kept; None if they are not, or the study measures what describing costs."""
+    if run.cache is None or run.cache.lower() in OFF or not getattr(run.study, "cached", True):
+        return None
+    return Cache(Path(run.logs) / run.cache, int(run.cache_gb * 1e9), run.threads)
+
+
+def _parts(run: Run, registry: Registry, cache: Cache | None) -> Parts:
+    own = {name: registry.get("distance", d.default_distance).cls() for name, d in run.descriptors.items()}
+    parts = {f.name: getattr(run, f.name) for f in fields(Parts) if hasattr(run, f.name)}
+    if cache is not None:
+        parts["descriptor"] = run.descriptor and cache.wrap(run.descriptor)
+        parts["descriptors"] = {name: cache.wrap(d) for name, d in run.descriptors.items()}
+    parts["map"] = run.map and load_places(Path(run.map))
+    return Parts(**parts, default_distances=own)
+
+
+@contextmanager
+def pinned(threads: int) -> Iterator[None]:
+    """Fix the number of math threads, so that sums are made in the same order alone and in a sweep."""
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(limits=threads):
+        yield
+
+
+@contextmanager
+def _signals(recorder: Recorder) -> Iterator[None]:
+    """Ctrl-C and SIGTERM end the run between two records, never within one."""
+    try:
+        before = {number: signal.signal(number, recorder.interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
+    except ValueError:  # not in the main thread: whoever runs us there has signals in hand
+        yield
+        return
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _costs(recorder: Recorder, cache: Cache | None, wall_s: float) -> list[tuple[str, float, str]]:
+    rows = [("wall", wall_s, "s")]
+    for stage, (seconds, count) in recorder.costs.items():
+        rows.append((stage, seconds, "s"))
+        if count > 1:
+            rows.append((f"{stage}, each", 1e3 * seconds / count, "ms"))
+    if cache is not None and cache.found + cache.made > 0:
+        rows += [("described", cache.made, "images"), ("taken from the cache", cache.found, "images")]
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    rows.append(("peak memory", peak / (2**20 if sys.platform == "darwin" else 2**10), "MiB"))
+    return rows

@@ -1,0 +1,159 @@
+"""Hydra's side: compose a configuration, run it once or as a sweep, and say in one sentence what was wrong with it."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+import traceback
+from collections.abc import Callable, Iterable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, ClassVar
+
+import hydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException
+from hydra.types import RunMode
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from omnilab.errors import ConfigError, DataError, OmnilabError, did_you_mean
+from omnilab.runner.build import build
+from omnilab.runner.config import Run
+from omnilab.runner.execute import execute
+from omnilab.runner.registry import Registry
+from omnilab.runner.run_folder import FAILED, Logbook, load_run, new_folder_name, origin, write_summary
+from omnilab.runner.terminal import headline, print_error, print_summary, short, show_run
+
+
+def experiment(argv: list[str], registry: Registry) -> int:
+    """Compose the configuration with Hydra and run it, once or as a sweep. Returns the exit code."""
+    OmegaConf.register_new_resolver("omnilab_folder", new_folder_name, use_cache=True, replace=True)
+    mistakes: list[OmnilabError] = []
+
+    def task(config: DictConfig) -> None:
+        try:
+            run_job(config, registry)
+        except OmnilabError as mistake:
+            mistakes.append(mistake)  # Hydra would print its own lines about it
+
+    task.__module__ = __name__
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # exceptions come to us instead of being printed by Hydra
+    sys.argv = [sys.argv[0], *argv]
+    Summary.failed = 0
+    try:
+        hydra.main(version_base="1.3", config_path="pkg://omnilab.conf", config_name="config")(task)()
+    except (HydraException, OmegaConfBaseException) as error:
+        raise ConfigError(sentence(error, registry)) from error
+    except OSError as error:  # Hydra makes the run's folder
+        if error.filename is None:
+            raise
+        raise DataError(f"{error.filename} cannot be used ({error.strerror}); mend that, or give logs=DIR") from error
+    except ValueError as error:
+        if "Config group override" not in str(error):
+            raise
+        raise ConfigError(
+            "a slot cannot be set to null; leave a component out with ~SLOT, as in ~descriptor"
+        ) from error
+    if mistakes:
+        raise mistakes[0]
+    return 1 if Summary.failed else 0
+
+
+def run_job(config: DictConfig, registry: Registry) -> None:
+    """One job: build, execute, show what came out. In a sweep a failure is noted, and the other jobs go on."""
+    state = HydraConfig.get()
+    folder, overrides = Path(state.runtime.output_dir), list(state.overrides.task)
+    name = str(state.runtime.choices.get("experiment"))
+    if state.mode is not RunMode.MULTIRUN:
+        _run(config, registry, folder, overrides, name)
+        show_run(folder)
+        return
+    print_error(f"job {state.job.num}: {' '.join(overrides)}")
+    try:
+        _run(config, registry, folder, overrides, name)
+        print_error(f"job {state.job.num}: {headline(load_run(folder))}")
+    except OmnilabError as mistake:
+        _note_failure(folder, overrides, name, mistake)
+        print_error(str(mistake))
+    except Exception as bug:  # noqa: BLE001  shown in full; the other jobs of the sweep must not pay for it
+        _note_failure(folder, overrides, name, bug)
+        traceback.print_exc()
+
+
+def _run(config: DictConfig, registry: Registry, folder: Path, overrides: list[str], name: str) -> None:
+    try:
+        run = build(config, registry)
+    except OmnilabError:
+        if not any(folder.iterdir()):
+            folder.rmdir()  # Hydra made it; nothing was run
+        raise
+    execute(run, folder, registry, overrides, name)
+
+
+def _note_failure(folder: Path, overrides: list[str], name: str, error: Exception) -> None:
+    """A job that could not even be built leaves a folder that says so."""
+    if (folder / "status.json").exists():
+        return
+    book = Logbook(folder)
+    book.open({"experiment": name, "overrides": overrides, **origin()}, "")
+    book.status(FAILED, error=f"{type(error).__name__}: {error}")
+    book.close()
+
+
+class Summary:
+    """A Hydra callback: the table over all jobs of a sweep, written and printed when the last has ended."""
+
+    failed: ClassVar[int] = 0  # jobs, of the last sweep
+
+    def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
+        """All jobs go into one folder, also where a sweep is over experiments."""
+        folder = str(config.hydra.sweep.dir).replace("'", "\\'")
+        config.hydra.overrides.hydra.append(f"hydra.sweep.dir='{folder}'")
+
+    def on_multirun_end(self, config: DictConfig, **_: Any) -> None:
+        folder = Path(config.hydra.sweep.dir)
+        header, rows = write_summary(folder)
+        print_summary(header, rows, title=str(short(folder / "summary.csv")))
+        Summary.failed = sum(row[header.index("status")] != "done" for row in rows)
+        if Summary.failed:
+            print_error(f"{Summary.failed} of {len(rows)} jobs did not end well; their status.json says why")
+
+    def __getattr__(self, name: str) -> Callable[..., None]:
+        if name.startswith("on_"):  # Hydra calls every event on every callback
+            return lambda *_, **__: None
+        raise AttributeError(name)
+
+
+# ------------------------------------------------------------------------------------------------------- sentences
+def sentence(error: Exception, registry: Registry) -> str:
+    """What Hydra and OmegaConf say, as one sentence with a suggestion."""
+    text = f"{error}\n{error.__cause__ or ''}"
+    if found := re.search(r"Could not find '(\w+)/([^']*)'", text):
+        return _missing_choice(found[1], found[2], text, registry)
+    if found := re.search(r"Key '(\w+)' (?:is )?not in '(\w+)'", text):
+        return _missing_key(found[1], found[2], text, registry)
+    if found := re.search(r"Multiple values for (\w+)\.", text):
+        return f"{found[1]} is a choice already, so +{found[1]} would be a second; give {found[1]}=NAME without the +"
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    if cause := str(error.__cause__ or "").strip():
+        lines.append(cause.splitlines()[0].strip())
+    return re.sub(r"^Error merging override ([^;]+);", r"\1:", "; ".join(dict.fromkeys(lines)))
+
+
+def _missing_choice(group: str, name: str, text: str, registry: Registry) -> str:
+    if registry.names(group):
+        return registry.missing(group, name)
+    listed = text.partition("Available options")[2].partition("Config search path")[0]
+    options = [line.strip() for line in listed.splitlines()[1:] if line.strip()]
+    return f"{group} '{name}' does not exist; there is {', '.join(options)}{did_you_mean(name, options, f'{group}=')}"
+
+
+def _missing_key(key: str, owner: str, text: str, registry: Registry) -> str:
+    classes: Iterable[type[Any]] = [Run, *(component.cls for component in registry.components.values())]
+    cls = next((c for c in classes if c.__name__ == owner), Run)
+    known = [field.name for field in fields(cls)]
+    path = found[1] if (found := re.search(r"Could not override '([^']+)'", text)) else key
+    where = "a run" if cls is Run else owner
+    return f"'{path}' is not a setting of {where}; there is {', '.join(known)}{did_you_mean(key, known)}"

@@ -1,0 +1,272 @@
+"""The run folder: what a run leaves behind, and reading it again."""
+
+from __future__ import annotations
+
+import csv
+import json
+import logging
+import os
+import platform
+import secrets
+import subprocess
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from omnilab.api import Report
+from omnilab.errors import DataError
+
+RUNNING, DONE, FAILED, INTERRUPTED, KILLED = "running", "done", "failed", "interrupted", "killed"
+
+
+class Logbook:
+    """Writes a run folder: status, manifest and log at the start, results at the end."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._handler: logging.Handler | None = None
+        self._teller = _Teller()
+
+    def open(self, manifest: Mapping[str, Any], config_yaml: str, latest: Path | None = None) -> None:
+        """Create the folder; from here on the run shows up in `omnilab runs`."""
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            (self.folder / "config.yaml").write_text(config_yaml, encoding="utf-8")
+        except OSError as error:
+            raise DataError(
+                f"the run folder {self.folder} cannot be written ({error.strerror}); give logs=DIR"
+            ) from error
+        _write_json(self.folder / "manifest.json", manifest)
+        self.status(RUNNING)  # makes it a run: the rest is there
+        if latest is not None:
+            point_latest(latest, self.folder)
+        self._handler = logging.FileHandler(self.folder / "run.log", encoding="utf-8")
+        self._handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
+        logging.getLogger().addHandler(self._handler)
+        logging.getLogger("omnilab").setLevel(logging.INFO)
+        logging.getLogger("omnilab").addHandler(self._teller)
+
+    def status(self, status: str, **more: Any) -> None:
+        """Say how the run stands: running, done, failed (with the error) or interrupted."""
+        now = datetime.now(UTC).isoformat(timespec="seconds")
+        _write_json(self.folder / "status.json", {"status": status, "time": now, "pid": os.getpid(), **more})
+
+    def write(self, report: Report) -> None:
+        """Metrics, tables, figures and files."""
+        rows = [(m.name, _number(m.value), m.unit, *map(_number, m.interval or ())) for m in report.metrics]
+        rows = [(*row, "", "") if len(row) == 3 else row for row in rows]
+        write_csv(self.folder / "metrics.csv", ["metric", "value", "unit", "low", "high"], rows)
+        for name, table in report.tables.items():
+            write_csv(self.folder / f"{name}.csv", list(table), zip(*table.values(), strict=True))
+        for name, figure in report.figures.items():
+            figure.savefig(self.folder / f"{name}.png")
+        for name, text in report.files.items():
+            (self.folder / name).write_text(text, encoding="utf-8")
+
+    def write_costs(self, rows: Iterable[tuple[str, float, str]]) -> None:
+        """Times, memory, bytes: what depends on the machine."""
+        write_csv(self.folder / "cost.csv", ["cost", "value", "unit"], ((n, f"{v:.6g}", u) for n, v, u in rows))
+
+    def close(self) -> None:
+        """Release the log file."""
+        if self._handler is not None:
+            logging.getLogger().removeHandler(self._handler)
+            self._handler.close()
+            self._handler = None
+            logging.getLogger("omnilab").removeHandler(self._teller)
+
+
+class _Teller(logging.Handler):
+    """Warnings, which the log of a run keeps, for the user to see: each once. Errors are told where they end the run."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self._told: set[str] = set()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        sentence = record.getMessage()
+        if record.levelno == logging.WARNING and sentence not in self._told:
+            self._told.add(sentence)
+            sys.stderr.write(f"omnilab: {sentence}\n")
+
+
+def _number(value: Any) -> str:
+    """The shortest text that reads back as the same number."""
+    number = float(value)
+    return str(int(number)) if number.is_integer() and abs(number) < 2**53 else repr(number)
+
+
+def write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """A CSV file in UTF-8; floats are written so that they read back exactly."""
+    with path.open("w", newline="", encoding="utf-8") as out:
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(rows)
+
+
+def _write_json(path: Path, content: Mapping[str, Any]) -> None:
+    part = path.with_name(path.name + ".part")
+    part.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    part.replace(path)  # a reader never sees half a file
+
+
+def new_folder_name() -> str:
+    """`<date>_<time>-<hex>`: the hex parts runs that start in the same second."""
+    return f"{datetime.now().astimezone():%Y-%m-%d_%H-%M-%S}-{secrets.token_hex(3)}"
+
+
+def point_latest(link: Path, folder: Path) -> None:
+    """Make the link point at the folder, atomically, by a relative path."""
+    link.parent.mkdir(parents=True, exist_ok=True)
+    part = link.with_name(f".latest-{secrets.token_hex(4)}")
+    part.symlink_to(os.path.relpath(folder.resolve(), link.parent.resolve()))
+    part.replace(link)
+
+
+def origin() -> dict[str, Any]:
+    """Where and with what a run was made: commit, Python, host."""
+    return {
+        "commit": _commit(),
+        "python": platform.python_version(),
+        "host": {"name": platform.node(), "system": platform.platform(), "cores": os.cpu_count()},
+        "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
+    }
+
+
+def _commit() -> str | None:
+    """The commit of the source tree that omnilab runs from, with "+changes" if it was edited; None if installed."""
+    source = Path(__file__).resolve().parent.parent.parent
+    if not (source / ".git").exists():
+        return None
+    git = ["git", "-C", str(source)]
+    try:
+        head = subprocess.run([*git, "rev-parse", "HEAD"], capture_output=True, text=True, timeout=5, check=True)
+        changes = subprocess.run(
+            [*git, "status", "--porcelain", "-uno"], capture_output=True, text=True, timeout=5, check=True
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return head.stdout.strip() + ("+changes" if changes.stdout.strip() else "")
+
+
+# --------------------------------------------------------------------------------------------------- reading runs
+@dataclass(frozen=True)
+class LoadedRun:
+    """A run folder, read."""
+
+    folder: Path
+
+    @cached_property
+    def status(self) -> dict[str, Any]:
+        return self._read("status.json", json.loads, "status", "pid")
+
+    @cached_property
+    def manifest(self) -> dict[str, Any]:
+        return self._read("manifest.json", json.loads, "experiment", "overrides")
+
+    @cached_property
+    def config(self) -> dict[str, Any]:
+        """The resolved configuration."""
+        import yaml
+
+        return self._read("config.yaml", yaml.safe_load, "study")
+
+    @cached_property
+    def metrics(self) -> dict[str, float]:
+        """By name. Empty for a run that did not finish."""
+        try:
+            return {row["metric"]: float(row["value"]) for row in self.table("metrics")}
+        except (KeyError, ValueError) as error:
+            raise self._unreadable("metrics.csv", error) from error
+
+    @cached_property
+    def intervals(self) -> dict[str, tuple[float, float]]:
+        """95 % confidence of the metrics for which it was estimated."""
+        rows = [row for row in self.table("metrics") if row.get("low")]
+        return {row["metric"]: (float(row["low"]), float(row["high"])) for row in rows}
+
+    @cached_property
+    def units(self) -> dict[str, str]:
+        return {row["metric"]: row["unit"] for row in self.table("metrics")}
+
+    def table(self, name: str) -> list[dict[str, str]]:
+        """The rows of one CSV file of the run; none if it was not written."""
+        path = self.folder / f"{name}.csv"
+        if not path.exists():
+            return []
+        with path.open(newline="", encoding="utf-8") as file:
+            return list(csv.DictReader(file))
+
+    @property
+    def alive(self) -> bool:
+        """Whether the run's process is still there."""
+        try:
+            os.kill(int(self.status["pid"]), 0)
+        except ProcessLookupError:
+            return False
+        except PermissionError:  # someone else's process
+            return True
+        return True
+
+    @property
+    def state(self) -> str:
+        """The status, where a run that says "running" but has no process was killed."""
+        status = str(self.status["status"])
+        return KILLED if status == RUNNING and not self.alive else status
+
+    def _read(self, name: str, parse: Callable[[str], Any], *keys: str) -> dict[str, Any]:
+        """A file of the run that must be a mapping with these keys; DataError if it is not."""
+        try:
+            content = parse((self.folder / name).read_text(encoding="utf-8"))
+        except Exception as error:
+            raise self._unreadable(name, error) from error
+        if not isinstance(content, dict) or not content.keys() >= set(keys):
+            raise self._unreadable(name, f"it should hold {', '.join(keys)}")
+        return content
+
+    def _unreadable(self, name: str, why: object) -> DataError:
+        reason = " ".join(str(why).split())
+        return DataError(
+            f"{self.folder / name} cannot be read ({reason}); remove the folder, or run the experiment again"
+        )
+
+
+def load_run(folder: str | Path) -> LoadedRun:
+    """The run in a folder; DataError if there is none."""
+    path = Path(folder)
+    if not (path / "status.json").is_file():
+        jobs = (
+            f", but the jobs of a sweep: give one, such as {path / '0'}"
+            if (path / "0" / "status.json").is_file()
+            else ""
+        )
+        raise DataError(f"{path} holds no run (no status.json){jobs}; `omnilab runs` lists the runs there are")
+    return LoadedRun(path.resolve())
+
+
+def find_runs(logs: str | Path = "logs") -> list[LoadedRun]:
+    """All runs below a folder, oldest first; DataError if there is no such folder."""
+    if not Path(logs).is_dir():
+        raise DataError(f"there is no folder {logs}; give the one that holds the runs (logs=... of an experiment)")
+    files = Path(logs).rglob("status.json")
+    return [LoadedRun(f.parent) for f in sorted(files, key=lambda f: f.parent.as_posix()) if "latest" not in f.parts]
+
+
+def write_summary(folder: Path) -> tuple[list[str], list[list[str]]]:
+    """`summary.csv` of a sweep: one row a job, its overrides and metrics as columns. Returns header and rows."""
+    runs = sorted(find_runs(folder), key=lambda run: int(run.folder.name) if run.folder.name.isdigit() else 0)
+    overrides = [dict(o.split("=", 1) for o in run.manifest["overrides"] if "=" in o) for run in runs]
+    keys = list(dict.fromkeys(key for one in overrides for key in one))
+    metrics = list(dict.fromkeys(name for run in runs for name in run.metrics))
+    rows = [
+        [run.folder.name, *(one.get(key, "") for key in keys), run.state]
+        + [_number(run.metrics[name]) if name in run.metrics else "" for name in metrics]
+        for run, one in zip(runs, overrides, strict=True)
+    ]
+    header = ["job", *keys, "status", *metrics]
+    write_csv(folder / "summary.csv", header, rows)
+    return header, rows

@@ -1,0 +1,172 @@
+"""Descriptions on disk: a sweep over distances, localizers or disturbances describes each image once."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from omnilab.api import Bytes, Learner, Signatures
+from omnilab.runner.fingerprint import fingerprint
+from omnilab.runner.signature_store import Shelf, is_alike, keys_of, put
+
+log = logging.getLogger("omnilab")
+
+FORMAT = 1  # of the files
+STALE_S = 3600.0  # what is still unfinished then was left by a process that died
+KEPT = 0.9  # of the limit, when it was passed
+
+
+class Cache:
+    """Keeps what descriptors say about images, and gives it back bit for bit.
+
+    In its folder each descriptor has a folder, named by the digest of its `fingerprint`, which is in `about.txt`. When
+    the files take more than `limit_bytes`, those that were used longest ago go. What is wrong with a file or with the
+    disk is said once, and costs only the saving.
+    """
+
+    def __init__(self, folder: Path, limit_bytes: int, threads: int) -> None:
+        self.folder = folder
+        self.limit_bytes = limit_bytes
+        self.threads = threads  # of matrix products: with another number, sums may differ in the last bits
+        self.found = 0  # images that had been described before
+        self.made = 0  # images that had not
+        self._classes: dict[type[Any], type[Any]] = {}
+        self._shelves: dict[str, Shelf | None] = {}
+        self._said: set[str] = set()
+        self._bytes: int | None = None  # in the folder; None: not counted yet
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Cache, (self.folder, self.limit_bytes, self.threads)
+
+    def wrap(self, descriptor: Any) -> Any:
+        """A descriptor like the given one, of a class derived from its own, that looks here before it describes.
+
+        One that learns from the map, or says `cached = False`, is given back as it is.
+        """
+        cls = type(descriptor)
+        if isinstance(descriptor, Learner) or not getattr(cls, "cached", True):
+            return descriptor
+        if cls not in self._classes:
+            members = {
+                "__module__": cls.__module__,
+                "__qualname__": cls.__qualname__,
+                "__doc__": cls.__doc__,
+                "__reduce__": lambda own: (self.wrap, (_as(cls, own),)),
+                "describe": lambda own, images: self._describe(cls, own, images),
+            }
+            self._classes[cls] = type(cls.__name__, (cls,), members)
+        return _as(self._classes[cls], descriptor)
+
+    def _describe(self, cls: type[Any], descriptor: Any, images: Bytes) -> Signatures:
+        """What `cls.describe` says; only images that are not known are given to it, in one batch."""
+        shelf = self._shelf(cls, descriptor)
+        if shelf is None or len(images) == 0:
+            return cls.describe(descriptor, images)  # type: ignore[no-any-return]
+        keys = keys_of(images)
+        room, known = self._load(shelf, keys)
+        if room is None:
+            made: Signatures = cls.describe(descriptor, images)
+            self._store(shelf, keys, made)
+            self.made += len(images)
+            return made
+        missing = np.setdiff1d(np.arange(len(images)), known)
+        if len(missing):
+            rest: Signatures = cls.describe(descriptor, images[missing])
+            if not _is_sound(rest, len(missing)) or not is_alike(rest, room):
+                return cls.describe(descriptor, images)  # type: ignore[no-any-return]
+            self._store(shelf, [keys[i] for i in missing], rest)
+            put(room, missing, rest)
+        self.found += len(known)
+        self.made += len(missing)
+        return room
+
+    def _shelf(self, cls: type[Any], descriptor: Any) -> Shelf | None:
+        """Where the descriptions by a descriptor with its present settings lie; None if they cannot be kept."""
+        settings = f"{cls.__module__}.{cls.__qualname__} {asdict(descriptor)}"
+        if settings not in self._shelves:
+            about = fingerprint(descriptor)
+            if about is None:
+                log.info("not cached, since a setting names a folder or there is no source file: %s", settings)
+            about = about and f"format {FORMAT}\nthreads {self.threads}\n{about}\n"
+            self._shelves[settings] = Shelf(self.folder, about, self._damaged) if about else None
+        return self._shelves[settings]
+
+    def _load(self, shelf: Shelf, keys: list[bytes]) -> tuple[Signatures | None, list[int]]:
+        try:
+            return shelf.load(keys)
+        except OSError as error:
+            self._say("read", f"the cache {self.folder} cannot be read ({error.strerror}), the run goes on without it")
+            return None, []
+
+    def _store(self, shelf: Shelf, keys: list[bytes], made: Signatures) -> None:
+        if "written" in self._said or not _is_sound(made, len(keys)):
+            return
+        try:
+            size = shelf.store(keys, made)
+            self._bytes = sum(file.size for file in _files(self.folder)) if self._bytes is None else self._bytes + size
+            if self._bytes > self.limit_bytes:
+                self._make_room()
+        except OSError as error:
+            self._say("written", f"the cache {self.folder} cannot be written ({error.strerror}), the run goes on;"
+                      " free some space, or give cache=DIR or cache=off")  # fmt: skip
+
+    def _make_room(self) -> None:
+        """Throw away what was used longest ago, and what writers left that died."""
+        files = sorted(_files(self.folder), key=lambda file: file.used)
+        left = sum(file.size for file in files)
+        for file in files:
+            is_left_over = file.path.suffix == ".part" and time.time() - file.used > STALE_S
+            if is_left_over or (left > KEPT * self.limit_bytes and file.path.suffix == ".npz"):
+                file.path.unlink(missing_ok=True)
+                left -= file.size
+        self._bytes = left
+
+    def _damaged(self, file: Path, error: Exception) -> None:
+        self._say("whole", f"{file} in the cache is damaged ({error}); its images are described anew")
+
+    def _say(self, what: str, sentence: str) -> None:
+        """Once a run."""
+        if what not in self._said:
+            self._said.add(what)
+            log.warning("%s", sentence)
+
+
+class _File(NamedTuple):
+    path: Path
+    size: int  # bytes
+    used: float  # when, by the clock of the disk
+
+
+def _files(folder: Path) -> Iterator[_File]:
+    """All that takes space; other processes may be at work."""
+    for path in folder.glob("*/*"):
+        with suppress(FileNotFoundError):
+            stat = path.stat()
+            yield _File(path, stat.st_size, stat.st_mtime)
+
+
+def _as(cls: type[Any], component: Any) -> Any:
+    """A component as an instance of a class derived from its own, or the other way round; its settings and its state."""
+    other = object.__new__(cls)
+    state = {f.name: getattr(component, f.name) for f in fields(component)} | getattr(component, "__dict__", {})
+    for name, value in state.items():
+        object.__setattr__(other, name, value)
+    return other
+
+
+def _is_sound(signatures: Any, count: int) -> bool:
+    """Whether a file can hold them: what breaks the contract is for the study to find.
+
+    Arrays come back in C order; another order could change the last bits of sums over them.
+    """
+    if not isinstance(signatures, Signatures):
+        return False
+    parts = [p for p in (signatures.place, signatures.heading) if p is not None]
+    return all(p.dtype == np.float32 and len(p) == count and p.flags.c_contiguous for p in parts)

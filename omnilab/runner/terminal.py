@@ -1,0 +1,70 @@
+"""What the command line prints."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from omnilab.runner.run_folder import LoadedRun, load_run
+
+HEADLINE = 3  # metrics of a run that fit a line
+
+
+def print_error(sentence: str) -> None:
+    """One line on standard error."""
+    sys.stderr.write(f"omnilab: {sentence}\n")
+
+
+def print_table(header: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> None:
+    """A table on standard output; as wide as it needs to be where no person reads it."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(*header, box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    for row in rows:
+        table.add_row(*(_brief(cell) for cell in row))
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=max(80, console.measure(table, options=console.options.update(width=10_000)).maximum))
+    if title:
+        console.print(title, style="bold", highlight=False, soft_wrap=True)
+    console.print(table)
+
+
+def _brief(cell: str) -> str:
+    """Figures with six digits; the files hold them all."""
+    try:
+        return f"{float(cell):.6g}"
+    except ValueError:
+        return cell
+
+
+def show_run(folder: Path) -> None:
+    """The metrics of a finished run."""
+    run = load_run(folder)
+    rows = [[name, repr(value), run.units[name].replace("1", "", 1)] for name, value in run.metrics.items()]
+    header = ["metric", "value", "unit"]
+    if known := run.intervals:
+        header.append("95 % interval")
+        rows = [[*row, "{:.4g} to {:.4g}".format(*known[row[0]]) if row[0] in known else ""] for row in rows]
+    print_table(header, rows, title=str(short(run.folder)))
+
+
+def headline(run: LoadedRun) -> str:
+    """A run's first three metrics, in a line."""
+    return ", ".join(f"{name} {value:.4g}" for name, value in list(run.metrics.items())[:HEADLINE])
+
+
+def print_summary(header: Sequence[str], rows: Sequence[Sequence[str]], title: str) -> None:
+    """Of a sweep's table, what differs between the jobs: their overrides, and the main metrics. The file holds it all."""
+    status = header.index("status")
+    differing = [i for i in range(1, status) if len({row[i] for row in rows}) > 1]
+    chosen = [0, *differing, *range(status, min(status + 1 + HEADLINE, len(header)))]
+    print_table([header[i] for i in chosen], [[row[i] for i in chosen] for row in rows], title)
+
+
+def short(path: Path) -> Path:
+    """Relative to where we are, if it lies below."""
+    return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path

@@ -1,0 +1,39 @@
+"""Conformance checks for plugin authors: one call in a test, and a component is known to keep the contract.
+
+::
+
+    from omnilab.testing import check_descriptor
+
+    def test_mine():
+        check_descriptor(Mine())
+"""
+
+from omnilab.testing.altimeter import check_altimeter
+from omnilab.testing.backend import check_backend
+from omnilab.testing.descriptor import check_descriptor
+from omnilab.testing.distance import check_distance
+from omnilab.testing.disturbance import check_disturbance
+from omnilab.testing.localizer import check_localizer, check_map_maker
+from omnilab.testing.loop_closure import check_loop_closure
+from omnilab.testing.odometry import check_odometry
+from omnilab.testing.sensor import check_sensor
+from omnilab.testing.sink import check_sink, sample_records
+from omnilab.testing.study import check_study
+from omnilab.testing.view_filter import check_view_filter
+
+__all__ = [
+    "check_altimeter",
+    "check_backend",
+    "check_descriptor",
+    "check_distance",
+    "check_disturbance",
+    "check_localizer",
+    "check_loop_closure",
+    "check_map_maker",
+    "check_odometry",
+    "check_sensor",
+    "check_sink",
+    "check_study",
+    "check_view_filter",
+    "sample_records",
+]

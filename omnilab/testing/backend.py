@@ -1,0 +1,79 @@
+"""The conformance check of back ends."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from omnilab import api
+from omnilab.api import Floats
+from omnilab.errors import DataError
+from omnilab.geometry import planar_poses
+from omnilab.posegraph.graph import arrivals, between, matrices, moved, vectors
+from omnilab.testing.common import check_common, expect
+
+
+def check_backend(backend: Any) -> None:
+    """Perfect motions are met exactly from bad guesses, planar and spatial; the first pose stays; deterministic; pickles.
+
+    Covariances are symmetric and positive; the graph that was given is left alone; one in two parts is refused. One that
+    takes poses as they come ends where the others do.
+    """
+    check_common("backend", backend)
+    for graph, truth in (_ring(planar=True), _ring(planar=False)):
+        before = graph.poses.copy()
+        found = backend.optimize(graph, covariances=True)
+        expect(np.array_equal(graph.poses, before), "the poses that were given are changed")
+        expect(found.poses.shape == graph.poses.shape, f"poses have shape {found.poses.shape}, not {graph.poses.shape}")
+        expect(bool(np.allclose(matrices(found.poses), matrices(truth), atol=1e-4)), "perfect motions are not met")
+        expect(found.chi2 < 1e-6 < found.chi2_before, f"chi2 goes from {found.chi2_before} to {found.chi2}")
+        expect(found.weights.shape == (len(graph.edges),), "weights are not one for each edge")
+        expect(bool(((found.weights > 0.5) & (found.weights <= 1)).all()), "edges that fit are not trusted")
+        d = 3 if graph.planar else 6
+        expect(np.shape(found.covariances) == (len(graph), d, d), f"covariances are {np.shape(found.covariances)}")
+        expect(bool((np.linalg.eigvalsh(found.covariances) > 0).all()), "covariances are not positive definite")
+        again = backend.optimize(graph)
+        expect(np.array_equal(again.poses, found.poses), "the same graph gives other poses the second time")
+        if isinstance(backend, api.OnlineBackend):
+            _check_growing(backend.begin(graph.poses[0]), graph, truth)
+    apart = replace(graph, edges=graph.edges[2:], motions=graph.motions[2:], information=graph.information[2:])
+    apart = replace(apart, edges=np.where(apart.edges == 1, 2, apart.edges))
+    try:
+        backend.optimize(apart)
+    except DataError:
+        return
+    raise AssertionError("a graph in two parts is optimised without a word")
+
+
+def _check_growing(growing: Any, graph: api.PoseGraph, truth: Floats) -> None:
+    """Poses come one by one; each is there at once, and all are right at the end."""
+    for arrival in arrivals(graph):
+        own, guess = arrival.edges, moved(growing.pose(arrival.before), arrival.motion)
+        said = growing.add(guess, arrival.ends, graph.motions[own], graph.information[own])
+        expect(not said, f"adding a pose goes wrong: {said}")
+        expect(len(growing.poses()) == arrival.node + 1, "there are not as many poses as were added")
+    expect(bool(np.allclose(matrices(growing.poses()), matrices(truth), atol=1e-4)), "perfect motions are not met")
+    number, nowhere = len(graph), np.array([[0, len(graph) + 5]])
+    said = growing.add(truth[0], nowhere, graph.motions[:1], graph.information[:1])
+    expect(len(said) > 0, "an edge to a pose that is not there is taken without a word")
+    expect(len(growing.poses()) == number + 1, "an update that failed loses its pose")
+    expect(
+        bool(np.allclose(matrices(growing.poses()[:-1]), matrices(truth), atol=1e-3)), "a failed update costs the map"
+    )
+
+
+def _ring(planar: bool) -> tuple[api.PoseGraph, Floats]:
+    """Twelve poses on a circle with perfect motions to the next and some across, guessed badly; and the true poses."""
+    rng = np.random.default_rng(2)
+    angle = np.arange(12) * np.pi / 6
+    T = planar_poses(np.column_stack([np.cos(angle), np.sin(angle), 0 * angle if planar else angle / 3]), angle + 1.5)
+    pairs = [(i, (i + 1) % 12) for i in range(12)] + [(0, 5), (3, 9), (7, 2)]
+    edges = np.array(pairs)
+    truth = vectors(T, planar)
+    spread = rng.standard_normal((len(edges), truth.shape[1] if planar else 6, truth.shape[1] if planar else 6))
+    information = spread @ spread.transpose(0, 2, 1) + 50 * np.eye(spread.shape[1])
+    guess = vectors(T @ planar_poses(rng.normal(0, 0.1, (12, 3)) * [1, 1, not planar], rng.normal(0, 0.1, 12)), planar)
+    guess[0] = truth[0]
+    return api.PoseGraph(np.arange(12), guess, edges, between(truth, edges), information), truth

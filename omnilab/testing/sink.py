@@ -1,0 +1,54 @@
+"""The conformance check of sinks, and one record of every type."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from omnilab import api
+from omnilab.api import Tick
+from omnilab.geometry import planar_poses
+from omnilab.image import encode
+from omnilab.testing.common import check_common, expect
+
+
+def check_sink(sink: Any, folder: Path) -> None:
+    """Takes every record, with and without a tick; completes its files; a whole run needs no repair; pickles."""
+    check_common("sink", sink)
+    sink.open(folder)
+    for path, record, tick in sample_records():
+        sink.write(path, record, tick)
+        sink.flush()
+    sink.close()
+    expect(sink.repair(folder) is None, "a run that ended well is said to need repair")
+    pickle.loads(pickle.dumps(sink))  # noqa: S301  our own bytes
+
+
+def sample_records() -> Iterator[tuple[str, api.Record, Tick | None]]:
+    """One record of every kind, with made-up but sound content."""
+    rng = np.random.default_rng(3)
+    picture = rng.integers(0, 255, (16, 24, 3), dtype=np.uint8)
+    position_m = rng.uniform(-1, 1, (9, 3))
+    steps = np.arange(4)
+    tick = Tick(3, 300_000_000)
+    panel = api.Panel("image", "Camera", ("camera/image",))
+    yield "", api.ViewLayout(((panel,),)), None
+    yield "room", api.Mesh(position_m[:3], np.array([[0, 1, 2]]), picture[0, :3]), None
+    yield "cloud", api.PointCloud(position_m, picture[0, :9]), tick
+    yield "graph", api.Graph(position_m, np.array([[0, 1], [1, 2]])), tick
+    yield "springs", api.Graph(position_m, np.array([[0, 1], [1, 2]]), picture[0, :2]), tick
+    yield "places", api.PlaceMap(position_m, rng.uniform(-3, 3, 9)), None
+    yield "camera/image", api.Image(picture, "png", encode(picture, "png")), tick
+    yield "camera", api.Pose(planar_poses([[1.0, 2.0, 3.0]], np.pi / 2)[0]), tick
+    yield "signature", api.Signature(rng.random((5, 7), dtype=np.float32)), tick
+    yield "distances", api.DistanceField(position_m, rng.random(9, dtype=np.float32)), tick
+    yield "estimate", api.Estimate(position_m[0], position_m[1], "wrong", 0.5, None), tick
+    yield "answers", api.Answers(position_m, position_m[::-1], ["nearest"] * 8 + ["wrong"]), None
+    yield "error", api.Series(rng.random(4), steps, steps * 100_000_000, "m"), None
+    yield "log", api.Text("a line", "WARN"), tick
+    yield "summary", api.Text("# Title", markdown=True), None
+    yield "progress", api.Progress("places", 3, 9), None

@@ -1,0 +1,74 @@
+"""The conformance check of view filters."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from omnilab.api import Floats
+from omnilab.geometry import wrap_angle
+from omnilab.posegraph.graph import between
+from omnilab.testing.common import check_common, expect
+
+
+def check_view_filter(view_filter: Any) -> None:
+    """A circle without noise, with views seen truly, is kept exactly; a wrong observation is not believed; pickles.
+
+    Covariances stay symmetric and positive; views are numbered as they come. A view from before tells where the robot is.
+    """
+    check_common("view_filter", view_filter)
+    angle = np.linspace(0, 2 * np.pi, 25)
+    truth = np.column_stack([2 * np.cos(angle), 2 * np.sin(angle), wrap_angle(angle + np.pi / 2)])
+    small = np.diag([1e-4, 1e-4, 1e-4])
+    _check_known_view(view_filter)
+    found = view_filter.begin(truth[0], 1e-6 * np.eye(3))
+    kept: list[Floats] = []
+    for i in range(1, len(truth)):
+        motion = between(truth, np.array([[i - 1, i]]))[0]
+        expect(not found.predict(motion, small), "a plain step goes wrong")
+        far = [k for k, view in enumerate(kept) if np.hypot(*(view - truth[i])[:2]) > 0.7]
+        if far:
+            seen = np.array([_angles(truth[i], kept[k]) for k in far])
+            believed, said = found.observe(np.array(far), seen, np.tile(1e-4 * np.eye(2), (len(far), 1, 1)))
+            expect(np.shape(believed) == (len(far),), "it does not say of each observation whether it is believed")
+            expect(bool(np.all(believed)) and not said, f"true observations are not believed: {said}")
+        if i % 4 == 0:
+            expect(found.add_view() == len(kept), "views are not numbered as they come")
+            kept.append(truth[i])
+    views, spreads = found.views(), found.view_covariances()
+    pose, spread = found.pose()
+    expect(bool(np.allclose(views[:, :2], np.array(kept)[:, :2], atol=1e-3)), "views are not where they were taken")
+    expect(bool(np.allclose(pose[:2], truth[-1, :2], atol=1e-3)), "the robot is not where it is")
+    for one in (spread, *spreads):
+        expect(
+            bool(np.allclose(one, one.T) and np.linalg.eigvalsh(one)[0] > 0), "a covariance is not positive definite"
+        )
+    wrong = _angles(truth[-1], kept[2]) + np.array([1.5, -1.0])
+    believed, _ = found.observe(np.array([2]), wrong[None], 1e-4 * np.eye(2)[None])
+    expect(not believed[0], "an observation that is off by a radian is believed")
+    way = found.finish()
+    expect(way.shape == truth.shape, f"the way has shape {way.shape}, not (T, 3)")
+    expect(bool(np.allclose(way[:, :2], truth[:, :2], atol=1e-3)), "the way is not the true one")
+
+
+def _check_known_view(view_filter: Any) -> None:
+    """Views from before are where they were said to be, and put right a robot that is unsure of itself."""
+    known, small = np.array([[3.0, 2, 0.5], [3, -2, -0.5]]), np.diag([1e-6, 1e-6, 1e-6])
+    found = view_filter.begin(np.array([0.1, -0.1, 0.02]), np.diag([0.1, 0.1, 0.02]))
+    numbers = [found.know_view(pose, small) for pose in known]
+    expect(numbers == [0, 1], "views from before are not numbered as they come")
+    expect(bool(np.allclose(found.views(), known)), "views from before are not where they were said to be")
+    for one in found.view_covariances():
+        expect(bool(np.allclose(one, small)), "views from before are not as sure as they were said to be")
+    seen = np.array([_angles(np.zeros(3), pose) for pose in known])
+    for _ in range(3):
+        found.observe(np.arange(2), seen, np.tile(1e-6 * np.eye(2), (2, 1, 1)))
+    expect(bool(np.allclose(found.pose()[0], 0, atol=0.01)), "views from before do not tell where the robot is")
+    expect(len(found.finish()) == 1, "views from before are taken for poses of the way")
+
+
+def _angles(robot: Floats, view: Floats) -> Floats:
+    """Bearing and relative orientation (2,) of a view (3,) from a robot's pose (3,)."""
+    x, y = (view - robot)[:2]
+    return np.asarray(wrap_angle([np.arctan2(y, x) - robot[2], view[2] - robot[2]]))

@@ -1,0 +1,1 @@
+"""Trajectories: alignment and errors; the readers and writers of their files."""

@@ -1,0 +1,57 @@
+"""The Fourier signature of the panorama."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from omnilab.api import Bytes, Signatures
+from omnilab.errors import ConfigError, DataError
+from omnilab_appearance.common.image_ops import channels_of, side_by_side, with_rows
+
+
+@dataclass
+class FourierSignature:
+    """Fourier signature: the DFT of each row of the panorama (Menegatti et al., 2004; Berenguer, thesis, 2.1.1).
+
+    `place` holds the magnitudes of the first columns (N, rows, k1), which do not change as the camera turns. `heading`
+    holds the phases of the columns after the mean, as the rows that they alone would make (N, rows, 4 k2): a turn
+    shifts these, so one correlation reads the rotation off all phases together.
+    """
+
+    rows: int = 64  # the panorama is averaged to so many
+    magnitudes: int = 16  # k1, columns that tell the place
+    phases: int = 16  # k2, columns that tell the heading
+    color: bool = False  # each channel of RGB for itself
+
+    view: ClassVar[str] = "panorama"
+    turned: ClassVar[str] = "same"
+    default_distance: ClassVar[str] = "cityblock"
+
+    def __post_init__(self) -> None:
+        if min(self.rows, self.magnitudes, self.phases) < 1:
+            raise ConfigError(
+                f"rows={self.rows}, magnitudes={self.magnitudes}, phases={self.phases} leave nothing; give 1 or more of each"
+            )
+
+    def describe(self, images: Bytes) -> Signatures:
+        """Magnitudes (N, rows, k1) and headings (N, rows, 4 k2) of panoramas (N, H, W[, 3])."""
+        from scipy import fft
+
+        pictures = with_rows(channels_of(images, self.color), self.rows)
+        columns = pictures.shape[2] // 2 + 1
+        if max(self.magnitudes, self.phases + 1) > columns:
+            raise DataError(
+                f"a panorama of {pictures.shape[2]} columns has {columns} frequencies, not {self.magnitudes} and"
+                f" {self.phases + 1}; give fewer magnitudes and phases"
+            )
+        spectra = fft.rfft(pictures)
+        place = np.abs(spectra[:, :, : self.magnitudes])
+        phases = spectra[:, :, : self.phases + 1].copy()
+        modulus = np.abs(phases)
+        phases = np.divide(phases, modulus, out=np.zeros_like(phases), where=modulus > 0)
+        phases[:, :, 0] = 0
+        heading = fft.irfft(phases, 4 * self.phases)
+        return side_by_side(Signatures(place.astype(np.float32), heading.astype(np.float32)), self.color)

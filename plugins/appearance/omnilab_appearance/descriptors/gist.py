@@ -1,0 +1,68 @@
+"""Gist: how strong edges of each orientation are, in blocks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from omnilab.api import Bytes, Floats, Signatures
+from omnilab.errors import ConfigError
+from omnilab_appearance.common.gabor import energies, halved
+from omnilab_appearance.common.image_ops import bands, channels_of, columns_around, side_by_side, with_rows
+
+
+@dataclass
+class Gist:
+    """Gist of the panorama: means of Gabor responses at two resolutions (Payá et al., 2016, 3.1.4; Oliva & Torralba).
+
+    `place`: horizontal blocks of full width (N, 2 levels, orientations, blocks), which do not change as the camera
+    turns. `heading`: vertical blocks of full height, which overlap (N, 2 x orientations, columns / spacing): a turn
+    shifts their last axis.
+    """
+
+    orientations: int = 16  # m, evenly over 180 degrees
+    blocks: int = 16  # k6, horizontal ones, for the place
+    width: int = 32  # l2, columns of a vertical block, for the heading
+    spacing: int = 8  # d2, columns from one vertical block to the next
+    frequency: float = 0.2  # of the filters, in cycles per pixel
+    rows: int = 64  # the panorama is averaged to so many
+    color: bool = False  # each channel of RGB for itself
+
+    view: ClassVar[str] = "panorama"
+    turned: ClassVar[str] = "same"
+    default_distance: ClassVar[str] = "pearson"
+
+    def __post_init__(self) -> None:
+        check_filters(self.orientations, self.blocks, self.frequency)
+        if min(self.width, self.spacing, self.rows) < 2 or self.spacing % 2 or self.width % 2:
+            raise ConfigError(
+                f"width={self.width}, spacing={self.spacing}, rows={self.rows} cannot be halved; give even numbers from 2"
+            )
+
+    def describe(self, images: Bytes) -> Signatures:
+        """Signatures of panoramas (N, H, W[, 3])."""
+        fine = with_rows(channels_of(images, self.color), self.rows)
+        parts = []
+        for level, pictures in enumerate((fine, halved(fine))):
+            found = energies(pictures, self.orientations, self.frequency)
+            heading = columns_around(found.mean(axis=2), self.width >> level, self.spacing >> level)
+            parts.append((block_means(found, self.blocks), heading))
+        place = np.stack([place for place, _ in parts], 1)
+        heading = np.concatenate([heading for _, heading in parts], 1)
+        return side_by_side(Signatures(place, heading), self.color)
+
+
+def block_means(found: Floats, blocks: int) -> Floats:
+    """Means (N, M, blocks) over the horizontal blocks of responses (N, M, H, W)."""
+    rows = found.mean(axis=3, dtype=np.float64)
+    return np.stack([rows[:, :, band].mean(axis=2) for band in bands(blocks, found.shape[2])], -1).astype(np.float32)
+
+
+def check_filters(orientations: int, blocks: int, frequency: float) -> None:
+    """ConfigError unless filters and blocks describe something."""
+    if min(orientations, blocks) < 1:
+        raise ConfigError(f"orientations={orientations}, blocks={blocks} describe nothing; give 1 or more of each")
+    if not 0.01 <= frequency <= 0.5:
+        raise ConfigError(f"frequency={frequency:g} is not that of a picture; give 0.01 to 0.5 cycles per pixel")

@@ -1,0 +1,64 @@
+"""Histograms of oriented gradients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from omnilab.api import Bytes, Floats, Signatures
+from omnilab.errors import ConfigError, DataError
+from omnilab_appearance.common.image_ops import bands, channels_of, columns_around, side_by_side, with_rows
+
+
+@dataclass
+class Hog:
+    """HOG of the panorama: histograms of gradient directions, weighted by their strength (Payá et al., 2016, 3.1.3).
+
+    `place`: horizontal cells of full width (N, cells, bins), which do not change as the camera turns. `heading`:
+    vertical cells of full height, which overlap (N, bins, columns / spacing): a turn shifts their last axis. Values
+    are grey levels per pixel, averaged over the cell; directions count modulo 180 degrees, each to its bin alone.
+    """
+
+    cells: int = 16  # k4, horizontal ones, for the place
+    bins: int = 8  # b, of each histogram, over 180 degrees
+    width: int = 32  # l1, columns of a vertical cell, for the heading
+    spacing: int = 8  # d1, columns from one vertical cell to the next
+    rows: int = 128  # the panorama is averaged to so many
+    color: bool = False  # each channel of RGB for itself
+
+    view: ClassVar[str] = "panorama"
+    turned: ClassVar[str] = "same"
+    default_distance: ClassVar[str] = "pearson"
+
+    def __post_init__(self) -> None:
+        if min(self.cells, self.bins, self.width, self.spacing) < 1 or self.rows < 3:
+            raise ConfigError(
+                f"cells={self.cells}, bins={self.bins}, width={self.width}, spacing={self.spacing}, rows={self.rows} hold no"
+                " histogram; give 1 or more of each, and 3 rows"
+            )
+
+    def describe(self, images: Bytes) -> Signatures:
+        """Signatures of panoramas (N, H, W[, 3])."""
+        rows, columns = gradient_sums(with_rows(channels_of(images, self.color), self.rows), self.bins)
+        heading = columns_around(columns / self.rows, self.width, self.spacing)
+        return side_by_side(Signatures(cell_means(rows, self.cells), heading), self.color)
+
+
+def gradient_sums(pictures: Floats, bins: int) -> tuple[Floats, Floats]:
+    """Gradient strength by direction: row means (N, H, bins) and column sums (N, bins, W) of pictures (N, H, W).
+
+    Gradients are central differences; the last axis wraps around, the first and the last row have no upright part.
+    """
+    from omnilab_appearance.common.kernels import gradient_histograms
+
+    if pictures.shape[1] < 3 or pictures.shape[2] < 3:
+        raise DataError(f"pictures of {pictures.shape[1:]} pixels have no gradients; give at least 3 x 3")
+    rows, columns = gradient_histograms(np.ascontiguousarray(pictures, np.float32), bins)
+    return rows / pictures.shape[2], columns
+
+
+def cell_means(rows: Floats, cells: int) -> Floats:
+    """Means (N, cells, bins) over horizontal cells of row means (N, H, bins)."""
+    return np.stack([rows[:, band].mean(axis=1) for band in bands(cells, rows.shape[1])], 1).astype(np.float32)

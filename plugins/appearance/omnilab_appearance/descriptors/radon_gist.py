@@ -1,0 +1,55 @@
+"""Gist of the Radon transform."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from omnilab.api import Bytes, Signatures
+from omnilab.errors import ConfigError
+from omnilab_appearance.common.gabor import energies, halved
+from omnilab_appearance.common.image_ops import channels_of, side_by_side
+from omnilab_appearance.descriptors.gist import block_means, check_filters
+from omnilab_appearance.descriptors.radon import Radon
+
+
+@dataclass
+class RadonGist:
+    """Gist of the Radon transform: means of Gabor responses in bands of offsets (Berenguer, thesis, 4.2.2).
+
+    A pyramid of `levels` Radon transforms, `orientations` filters on each, and the mean of each response in `blocks`
+    bands of offsets over all angles: (N, levels, orientations, blocks) numbers that do not change as the camera turns.
+    """
+
+    blocks: int = 16  # b, bands of offsets
+    orientations: int = 4  # of the Gabor filters, evenly over 180 degrees
+    levels: int = 2  # n, of the Gaussian pyramid
+    frequency: float = 0.2  # of the filters, in cycles per sample
+    offsets: int = 173  # of the Radon transform
+    angles: int = 180  # of the Radon transform
+    color: bool = False  # each channel of RGB for itself
+
+    view: ClassVar[str] = "mirror"
+    turned: ClassVar[str] = "same"
+    default_distance: ClassVar[str] = "euclidean"
+
+    def __post_init__(self) -> None:
+        Radon(self.offsets, self.angles)
+        check_filters(self.orientations, self.blocks, self.frequency)
+        smallest = min(self.offsets, self.angles) >> max(0, self.levels - 1)
+        if self.levels < 1 or smallest < 8:
+            raise ConfigError(
+                f"levels={self.levels} of a transform of {self.offsets} x {self.angles} leave {smallest} samples;"
+                " give fewer levels or a larger transform"
+            )
+
+    def describe(self, images: Bytes) -> Signatures:
+        """Signatures of square mirror images (N, S, S[, 3])."""
+        pictures = Radon(self.offsets, self.angles).describe(channels_of(images, self.color)).place / images.shape[1]
+        parts = []
+        for level in range(self.levels):
+            pictures = halved(pictures) if level else pictures
+            parts.append(block_means(energies(pictures, self.orientations, self.frequency), self.blocks))
+        return side_by_side(Signatures(np.stack(parts, 1)), self.color)

@@ -1,0 +1,51 @@
+"""RING: the Radon transform's spectrum along the offsets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from omnilab.api import Bytes, Signatures
+from omnilab.errors import ConfigError
+from omnilab_appearance.common.image_ops import bands, channels_of, side_by_side
+from omnilab_appearance.descriptors.radon import Radon
+
+
+@dataclass
+class Ring:
+    """Magnitudes of the Radon transform's spectrum along the offsets (after Lu et al., RING, 2022).
+
+    A motion of what the image shows moves the lines along the offsets, and the magnitudes forget it; a turn of the
+    camera shifts the angles. `place` is (N, frequencies, angles). Angles half a turn apart have one spectrum, so it knows
+    a rotation but for half a turn; `heading`, the transform itself in coarse bands (N, bands, angles), knows it whole.
+    """
+
+    frequencies: int = 40  # along the offsets, the mean left out
+    offsets: int = 173  # of the Radon transform
+    angles: int = 180  # of the Radon transform
+    bands: int = 16  # of offsets, that tell the heading
+    color: bool = False  # each channel of RGB for itself
+
+    view: ClassVar[str] = "mirror"
+    turned: ClassVar[str] = "shifts"
+    default_distance: ClassVar[str] = "poc_band"
+
+    def __post_init__(self) -> None:
+        Radon(self.offsets, self.angles)
+        if not 1 <= self.bands <= self.offsets:
+            raise ConfigError(f"bands={self.bands} of {self.offsets} offsets do not exist; give 1 to {self.offsets}")
+        if not 1 <= self.frequencies <= self.offsets // 2:
+            raise ConfigError(
+                f"frequencies={self.frequencies} of {self.offsets} offsets do not exist; give 1 to {self.offsets // 2}"
+            )
+
+    def describe(self, images: Bytes) -> Signatures:
+        """Signatures of square mirror images (N, S, S[, 3])."""
+        from scipy import fft
+
+        transforms = Radon(self.offsets, self.angles).describe(channels_of(images, self.color)).place
+        spectra = fft.rfft(transforms, axis=1)[:, 1 : self.frequencies + 1]
+        heading = [transforms[:, band].mean(axis=1) for band in bands(self.bands, self.offsets)]
+        return side_by_side(Signatures(np.abs(spectra).astype(np.float32), np.stack(heading, 1)), self.color)

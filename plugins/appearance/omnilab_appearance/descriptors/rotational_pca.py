@@ -1,0 +1,179 @@
+"""Rotational PCA: the eigenspace of spinning images."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from omnilab.api import Bytes, Floats, Ints, Signatures
+from omnilab.errors import ConfigError, DataError
+from omnilab_appearance.common.image_ops import channels_of, with_rows
+
+Spectra = npt.NDArray[np.complexfloating[Any, Any]]
+LARGEST_FILE = 2**31  # bytes
+LEARNT = ("mean", "vectors", "frequencies", "singular")
+SETTINGS = ("rotations", "rows", "color")  # that what was learnt depends on
+
+
+@dataclass
+class RotationalPca:
+    """PCA of all panoramas of the map and all their rotations (Jogan & Leonardis, 2003; Payá et al., 2016, 3.1.2).
+
+    The inner products of N_R rotated copies of each panorama form a block-circulant matrix: a DFT over the rotations
+    splits the problem into one small PCA for each frequency of rotation. A turn by whole steps of 360 / N_R degrees
+    multiplies a projection by a phase: `place` holds the projections' moduli (N, components), `heading` the signals with
+    these phases (N, rows, N_R), which a turn shifts. It must be fitted on the map's panoramas before it describes.
+    """
+
+    components: int = 50  # k3, eigenvectors with the largest eigenvalues
+    rotations: int = 64  # N_R, of each panorama; must divide its columns
+    rows: int = 64  # the panoramas are averaged to so many
+    color: bool = False  # the channels of RGB, one below the other
+    basis: str | None = None  # a file that Eigenspace.save wrote; null: fitted on the map
+
+    view: ClassVar[str] = "panorama"
+    turned: ClassVar[str] = "same"
+    default_distance: ClassVar[str] = "cityblock"
+
+    def __post_init__(self) -> None:
+        if min(self.components, self.rows) < 1 or self.rotations < 2 or self.rotations % 2:
+            raise ConfigError(
+                f"components={self.components}, rows={self.rows}, rotations={self.rotations} span nothing; give 1 or more"
+                " components and rows, and an even number of rotations"
+            )
+
+    def fit(self, images: Bytes) -> Eigenspace | RotationalPca:
+        """The eigenspace of panoramas (N, H, W[, 3]); with a `basis` there is nothing to fit."""
+        if self.basis is not None:
+            return self
+        spectra = self._spectra(images)
+        mean = spectra[..., 0].mean(axis=0)  # of all rotations of all panoramas: it has the frequency 0 alone
+        spectra[..., 0] -= mean
+        found = []
+        for frequency in range(self.rotations // 2 + 1):
+            _, singular, vectors = np.linalg.svd(spectra[..., frequency], full_matrices=False)
+            found += [(float(s), frequency, v) for s, v in zip(singular[: self.components], vectors, strict=False)]
+        kept = sorted(found, key=lambda part: (-part[0], part[1]))[: self.components]
+        frequencies = np.array([frequency for _, frequency, _ in kept])
+        return Eigenspace(self, mean, np.stack([v for *_, v in kept]), frequencies, np.array([s for s, *_ in kept]))
+
+    def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> Eigenspace:
+        """The eigenspace whose state it was; DataError unless it was fitted with such settings."""
+        return Eigenspace.of(state, self, "the map")
+
+    def state(self) -> Mapping[str, npt.NDArray[Any]]:
+        """Of the eigenspace of `basis`."""
+        return self._loaded.state()
+
+    def describe(self, images: Bytes) -> Signatures:
+        """Signatures in the eigenspace of `basis`; DataError if there is none."""
+        if self.basis is None:
+            raise DataError(
+                "rotational PCA knows no eigenspace yet; fit it on the map's panoramas first, or give a basis"
+            )
+        return self._loaded.describe(images)
+
+    @cached_property
+    def _loaded(self) -> Eigenspace:
+        return Eigenspace.load(Path(str(self.basis)), self)
+
+    def _spectra(self, images: Bytes) -> Spectra:
+        """The panoramas' parts (N, D, N_R) that a rotation by one step turns by the same phase each."""
+        from scipy import fft
+
+        pictures = with_rows(channels_of(images, self.color), self.rows)
+        columns = pictures.shape[2]
+        if columns % self.rotations:
+            raise DataError(f"{self.rotations} rotations do not divide panoramas of {columns} columns; give a divisor")
+        spectra = fft.fft(pictures, norm="ortho").reshape(len(images), -1, self.rotations)
+        return np.asarray(spectra, np.complex64)
+
+
+@dataclass
+class Eigenspace:
+    """What rotational PCA has learnt from a map: it describes panoramas as `RotationalPca` says."""
+
+    settings: RotationalPca
+    mean: Spectra  # (D,) of the frequency 0
+    vectors: Spectra  # (components, D), conjugate
+    frequencies: Ints  # (components,) of rotation
+    singular: Floats  # (components,) singular values, falling
+
+    view: ClassVar[str] = RotationalPca.view
+    turned: ClassVar[str] = RotationalPca.turned
+    default_distance: ClassVar[str] = RotationalPca.default_distance
+
+    @property
+    def color(self) -> bool:
+        """Whether panoramas are in colour."""
+        return self.settings.color
+
+    def describe(self, images: Bytes) -> Signatures:
+        """Moduli (N, components) and headings (N, rows, N_R) of panoramas (N, H, W[, 3])."""
+        from scipy import fft
+
+        spectra = self.settings._spectra(images)
+        if spectra.shape[1] != len(self.mean):
+            raise DataError(
+                "the panoramas have another size than those the eigenspace was fitted on; describe like ones"
+            )
+        spectra[..., 0] -= self.mean
+        projections = np.empty((len(images), len(self.vectors)), np.complex64)
+        for frequency in np.unique(self.frequencies):
+            chosen = self.frequencies == frequency
+            projections[:, chosen] = spectra[..., frequency] @ self.vectors[chosen].conj().T
+        half = np.zeros((len(images), int(self._row.max()) + 1, self.settings.rotations // 2 + 1), np.complex64)
+        half[:, self._row, self.frequencies] = projections
+        heading = fft.irfft(half, self.settings.rotations)
+        return Signatures(np.abs(projections).astype(np.float32), heading.astype(np.float32))
+
+    @cached_property
+    def _row(self) -> Ints:
+        """In which row of the headings each component lies: a row holds one component of each frequency."""
+        return np.array([np.sum(self.frequencies[:i] == f) for i, f in enumerate(self.frequencies)])
+
+    def state(self) -> Mapping[str, npt.NDArray[Any]]:
+        """All that was learnt, and the settings it depends on."""
+        arrays = {name: getattr(self, name) for name in LEARNT}
+        return arrays | {name: np.array(getattr(self.settings, name)) for name in SETTINGS}
+
+    @classmethod
+    def of(cls, state: Mapping[str, npt.NDArray[Any]], settings: RotationalPca, origin: str) -> Eigenspace:
+        """The eigenspace whose state it was; DataError, naming the origin, unless it was fitted with such settings."""
+        try:
+            found = {name: state[name] for name in LEARNT}
+            fitted = {name: state[name].item() for name in SETTINGS}
+        except (KeyError, ValueError) as error:
+            raise DataError(f"{origin} holds no eigenspace ({error}); write one with Eigenspace.save") from None
+        for name, value in fitted.items():
+            if getattr(settings, name) != value:
+                raise ConfigError(
+                    f"{origin} was fitted with {name}={value}, not {getattr(settings, name)}; give descriptor.{name}={value}"
+                )
+        count, size = found["vectors"].shape if found["vectors"].ndim == 2 else (0, 0)
+        shapes = {"mean": (size,), "frequencies": (count,), "singular": (count,)}
+        if count == 0 or any(found[name].shape != shape for name, shape in shapes.items()):
+            raise DataError(f"{origin} holds arrays that do not fit together; write it anew with Eigenspace.save")
+        return cls(settings, **found)
+
+    def save(self, path: Path) -> None:
+        """Write the eigenspace as a NumPy archive."""
+        np.savez(path, allow_pickle=False, **self.state())
+
+    @classmethod
+    def load(cls, path: Path, settings: RotationalPca) -> Eigenspace:
+        """What `save` wrote; DataError unless it was fitted with such settings."""
+        try:
+            if path.stat().st_size > LARGEST_FILE:
+                raise DataError(f"{path} is larger than {LARGEST_FILE >> 30} GiB; that is no eigenspace of ours")
+            with np.load(path, allow_pickle=False) as saved:
+                state = dict(saved)
+        except (OSError, ValueError, EOFError) as error:
+            raise DataError(f"{path} holds no eigenspace ({error}); write one with Eigenspace.save") from None
+        return cls.of(state, settings, str(path))

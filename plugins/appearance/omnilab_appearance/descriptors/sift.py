@@ -1,0 +1,56 @@
+"""SIFT features of the mirror image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from omnilab.api import Bytes, Floats, Signatures
+from omnilab.errors import ConfigError
+from omnilab_appearance.common.image_ops import channels_of
+from omnilab_appearance.common.local_features import packed
+
+
+@dataclass
+class Sift:
+    """SIFT features of the mirror image (Lowe, 2004; in Berenguer's thesis, 4.6.5, the rival of the Radon transform).
+
+    The strongest `features` of each image: (N, features, 3 + 128), as `omnilab_appearance.common.local_features` lays them out.
+    """
+
+    features: int = 300  # at most so many of each image
+    contrast: float = 0.04  # what is fainter is no feature
+
+    view: ClassVar[str] = "mirror"
+    color: ClassVar[bool] = False
+    turned: ClassVar[str] = "changes"
+    default_distance: ClassVar[str] = "features_turned"
+
+    def __post_init__(self) -> None:
+        check_count(self.features)
+        if not self.contrast > 0:
+            raise ConfigError(f"contrast={self.contrast:g} lets everything pass; give a number above 0, such as 0.04")
+
+    def describe(self, images: Bytes) -> Signatures:
+        """Features of mirror images (N, S, S)."""
+        import cv2
+
+        detector = cv2.SIFT_create(nfeatures=self.features, contrastThreshold=self.contrast)  # type: ignore[attr-defined]
+
+        def features_of(image: Bytes) -> tuple[Floats, Floats]:
+            points, vectors = detector.detectAndCompute(image, None)
+            if not points:
+                return np.zeros((0, 2)), np.zeros((0, 128))
+            order = np.argsort([-point.response for point in points], kind="stable")
+            return np.array([point.pt for point in points])[order], vectors[order]
+
+        pictures = channels_of(images, self.color)
+        return packed([features_of(image) for image in pictures], self.features, 128, pictures.shape[1:3])
+
+
+def check_count(features: int) -> None:
+    """ConfigError unless there is room for a feature."""
+    if features < 1:
+        raise ConfigError(f"features={features} describe nothing; give 1 or more")

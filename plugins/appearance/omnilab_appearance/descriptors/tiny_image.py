@@ -1,0 +1,46 @@
+"""The panorama as a tiny image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from omnilab.api import Bytes, Signatures
+from omnilab.errors import ConfigError, DataError
+from omnilab_appearance.common.image_ops import channels_of, side_by_side
+
+
+@dataclass
+class TinyImage:
+    """The panorama averaged down to some pixels (Torralba et al., 2008): the cheapest rival there is.
+
+    Signatures are (N, rows, columns), and a turn of the camera shifts the columns.
+    """
+
+    rows: int = 16  # of the tiny image
+    columns: int = 32  # of the tiny image, over 360 degrees
+    color: bool = False  # each channel of RGB for itself
+
+    view: ClassVar[str] = "panorama"
+    turned: ClassVar[str] = "shifts"
+    default_distance: ClassVar[str] = "poc_band"
+
+    def __post_init__(self) -> None:
+        if min(self.rows, self.columns) < 1:
+            raise ConfigError(f"an image of {self.rows} x {self.columns} pixels shows nothing; give at least 1 x 1")
+
+    def describe(self, images: Bytes) -> Signatures:
+        """Tiny images (N, rows, columns) of panoramas (N, H, W[, 3])."""
+        import cv2
+
+        pictures = channels_of(images, self.color)
+        if self.rows > pictures.shape[1] or self.columns > pictures.shape[2]:
+            raise DataError(
+                f"panoramas of {pictures.shape[1]} x {pictures.shape[2]} are smaller than {self.rows} x {self.columns};"
+                " give fewer rows and columns"
+            )
+        size = (self.columns, self.rows)
+        tiny = [cv2.resize(picture.astype(np.float32), size, interpolation=cv2.INTER_AREA) for picture in pictures]
+        return side_by_side(Signatures(np.stack(tiny)), self.color)

@@ -1,0 +1,129 @@
+"""Representatives first, then the places that they stand for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from omnilab.api import Distance, Estimates, Floats, Ints, Places, Signatures
+from omnilab.errors import ConfigError, DataError
+from omnilab.geometry import heading_of, wrap_angle
+from omnilab_appearance.localizers.nearest import check_map
+
+BLOCK = 256  # places compared with all representatives at once
+SAME = 1e-2  # distances between the same two signatures agree to this share of the largest
+
+
+class Index(NamedTuple):
+    """A map, ready to be searched."""
+
+    places: Places
+    distance: Distance
+    head: Any  # the representatives, ready to be compared with
+    members: Sequence[Ints]  # of each cluster, its places in ascending order
+    prepared: Sequence[Any]  # each cluster, ready to be compared with
+
+
+@dataclass
+class Hierarchical:
+    """The most alike place of the `probes` clusters whose representatives are most alike: time grows like the root of the map.
+
+    Representatives are places drawn at random; every place belongs to the one that is most alike to it by the run's own
+    distance (the inverted lists of Sivic and Zisserman, 2003, with images as words). A query is compared with all
+    representatives, then with the places of the best clusters, and never with the rest: no distance field comes back.
+    With 2 sqrt(P) clusters both comparisons are about as large. Where image distances saturate (`poc_band` beyond some
+    0.3 m of a room), representatives must lie closer than that: give more `clusters`.
+    """
+
+    clusters: int | None = None  # representatives; null: 2 sqrt(P)
+    probes: int = 8  # clusters searched for a query; all, where there are fewer
+    seed: int = 0  # of the representatives
+
+    def __post_init__(self) -> None:
+        if self.clusters is not None and self.clusters < 1:
+            raise ConfigError(
+                f"localizer.clusters={self.clusters} hold no places; give 1 or more, or null for 2 sqrt(P)"
+            )
+        if self.probes < 1:
+            raise ConfigError(f"localizer.probes={self.probes} searches nothing; give 1 cluster or more")
+
+    def prepare(self, places: Places, distance: Distance) -> Index:
+        """Draw representatives, assign every place to one, make every cluster ready."""
+        check_map(places, "hierarchical")
+        signatures = _bare(places.signatures)
+        chosen = self._representatives(len(places))
+        head = distance.prepare(signatures[chosen])
+        owner = np.concatenate(
+            [distance.match(signatures[b], head).distance.argmin(axis=1) for b in _blocks(len(places))]
+        )
+        owner[chosen] = np.arange(len(chosen))
+        sizes = np.bincount(owner, minlength=len(chosen))
+        members = np.split(np.argsort(owner, kind="stable"), np.cumsum(sizes)[:-1])
+        index = Index(places, distance, head, members, [distance.prepare(signatures[own]) for own in members])
+        _check_scale(index, chosen)
+        return index
+
+    def _representatives(self, count: int) -> Ints:
+        """Which of `count` places stand for a cluster, in ascending order."""
+        clusters = round(2 * count**0.5) if self.clusters is None else self.clusters
+        if self.clusters is not None and clusters > count:
+            raise DataError(
+                f"localizer.clusters={clusters} are more than the map's {count} places; give fewer, or null for 2 sqrt(P)"
+            )
+        return np.sort(np.random.default_rng(self.seed).choice(count, min(clusters, count), replace=False))
+
+    def locate(self, queries: Signatures, index: Index) -> Estimates:
+        """Compare with the representatives, then with the places of the most alike ones."""
+        bare = _bare(queries)
+        probed = np.argsort(index.distance.match(bare, index.head).distance, axis=1, kind="stable")[:, : self.probes]
+        place = np.zeros(len(queries), int)
+        distance = np.full(len(queries), np.inf, np.float32)
+        for cluster in np.unique(probed):
+            asking = np.flatnonzero((probed == cluster).any(axis=1))
+            found = index.distance.match(bare[asking], index.prepared[cluster]).distance
+            best = found.argmin(axis=1)
+            nearest = found[np.arange(len(asking)), best]
+            closer = nearest < distance[asking]
+            place[asking[closer]] = index.members[cluster][best[closer]]
+            distance[asking[closer]] = nearest[closer]
+        assert index.places.T_world_camera is not None
+        poses = index.places.T_world_camera[place]
+        return Estimates(place, distance, poses[:, :3, 3], _headings(queries, place, index))
+
+
+def _bare(signatures: Signatures) -> Signatures:
+    """What tells places apart; headings are compared with the answered place alone."""
+    return Signatures(signatures.place)
+
+
+def _blocks(count: int) -> Iterator[slice]:
+    return (slice(start, start + BLOCK) for start in range(0, count, BLOCK))
+
+
+def _headings(queries: Signatures, place: Ints, index: Index) -> Floats | None:
+    """The headings (Q,) of queries that were taken to be at places (Q,), where the distance tells rotations."""
+    turns = []
+    for q, p in enumerate(place):
+        here = index.distance.prepare(index.places.signatures[p : p + 1])
+        rotation = index.distance.match(queries[q : q + 1], here).rotation_rad
+        if rotation is None:
+            return None
+        turns.append(rotation[0, 0])
+    assert index.places.T_world_camera is not None
+    return wrap_angle(heading_of(index.places.T_world_camera[place]) + np.array(turns))
+
+
+def _check_scale(index: Index, chosen: Ints) -> None:
+    """DataError if distances depend on which places were prepared together: clusters would not be on one scale."""
+    representatives = _bare(index.places.signatures)[chosen]
+    first = np.searchsorted(index.members[0], chosen[0])
+    together = index.distance.match(representatives, index.head).distance[:, 0]
+    apart = index.distance.match(representatives, index.prepared[0]).distance[:, first]
+    if not np.allclose(together, apart, rtol=SAME, atol=SAME * float(together.max())):
+        raise DataError(
+            "the distance learns its scale from the whole map, and clusters would each have their own; choose another"
+            " distance, or localizer=nearest"
+        )

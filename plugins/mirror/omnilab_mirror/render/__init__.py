@@ -1,0 +1,1 @@
+"""From a world to images: the prepared world, rays, shading, shadows."""

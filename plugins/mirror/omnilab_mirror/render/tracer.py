@@ -1,0 +1,361 @@
+"""The ray tracer: every face is a parallelogram, and all rays of an image leave one point, or points around it.
+
+With a face at corner p, edges e1 and e2, seen from O, let r0, r1, r2 be the rows of [p - O, e1, e2]^-1. The ray O + t d
+meets the face where w = r0.d > 0 and 0 <= r1.d <= w and 0 <= r2.d <= w, at t = 1 / w: the nearest face has the largest
+w. Whole blocks of pixels, and then the tiles in them, first sort out what none of their rays can see: a cone against the
+five planes through O that bound a face.
+
+Rays that start at O + o instead, |o| <= rho, meet the face's plane n.x = n.p where t = (n.p - n.o) / n.d; w is 1 / t
+again. From O a point that such a ray meets lies in another direction than d, by asin(rho / distance) at most, so the
+cones are that much wider, and nearer or farther by rho at most.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar, cast
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from omnilab_mirror.render.atlas import Atlas
+
+Array = npt.NDArray[Any]
+F = TypeVar("F", bound=Callable[..., Any])
+# constants of this file, since numba's cache sees no changes in others
+TILE, BLOCK = 8, 32  # pixels
+EDGE = 1e-9  # neighbouring faces overlap by this much of 1/m, so that no ray slips between them
+
+
+def compiled(function: F) -> F:
+    """The function as machine code, which is kept beside the module."""
+    return cast("F", numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+
+
+def compiled_parallel(function: F) -> F:
+    """The same, with `prange` over all of numba's threads."""
+    return cast("F", numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)(function))
+
+
+class Cones(NamedTuple):
+    """A cone around the rays of each of (V, U) squares of pixels."""
+
+    axis: Array  # (V, U, 3)
+    spread: Array  # (V, U, 2): cosine and sine of the angle to the axis that no ray exceeds
+    around: Array  # (V, U): no ray starts farther than this from the viewpoint, in metres
+
+
+class View(NamedTuple):
+    """F faces as seen from N viewpoints, in the camera's frame."""
+
+    rows: Array  # (N, F, 9): r0, r1, r2. Rays around O: (N, F, 12): n, n.p, and for both edges g, g.p with g.(x - p) the share
+    planes: Array  # (N, F, 5, 3): inward unit normals of the planes through O that bound the face; r0's first
+    reach: Array  # (N, F): the length of r0, 1 over the distance of the face's plane
+    density: Array  # (N, F): texels of the finest level over |det| (rays around O: over the area)
+    turn: Array  # (N, 3, 3): from the camera's directions to the world's
+
+
+def view_from(T_world_camera: Array, corner: Array, edges: Array, texels: Array) -> View:
+    """Faces with corners (F, 3), edges (F, 2, 3) and `texels` (F,) as seen from poses (N, 4, 4)."""
+    p = corner - T_world_camera[:, None, :3, 3]
+    e1, e2 = np.broadcast_to(edges[:, 0], p.shape), np.broadcast_to(edges[:, 1], p.shape)
+    normal = np.cross(edges[:, 0], edges[:, 1])
+    det = np.einsum("nfi,fi->nf", p, normal)
+    edge_on = np.abs(det) < 1e-12  # the viewpoint lies in the face's plane
+    inverse = np.where(edge_on, 0.0, 1 / np.where(edge_on, 1.0, det))
+    rows = np.stack([np.broadcast_to(normal, p.shape), np.cross(e2, p), np.cross(p, e1)], 2) * inverse[..., None, None]
+    rows = rows @ T_world_camera[:, None, :3, :3]
+    r0, r1, r2 = rows[:, :, 0], rows[:, :, 1], rows[:, :, 2]
+    planes = np.stack([r0, r1, r0 - r1, r2, r0 - r2], 2)
+    length = np.linalg.norm(planes, axis=-1)
+    planes = planes / np.maximum(length, 1e-300)[..., None]
+    rows = rows.reshape(*det.shape, 9)
+    turn = T_world_camera[:, :3, :3]
+    return View(*map(np.ascontiguousarray, (rows, planes, length[..., 0], texels * np.abs(inverse), turn)))
+
+
+def view_around(T_world_camera: Array, corner: Array, edges: Array, texels: Array) -> View:
+    """The same for rays that start around the viewpoints."""
+    view = view_from(T_world_camera, corner, edges, texels)
+    p = (corner - T_world_camera[:, None, :3, 3]) @ view.turn
+    normal = np.cross(edges[:, 0], edges[:, 1])
+    area = np.linalg.norm(normal, axis=-1, keepdims=True)
+    shares = np.stack([np.cross(edges[:, 1], normal), np.cross(normal, edges[:, 0])], 1) / area[:, None] ** 2
+    vectors = np.concatenate([(normal / area)[:, None], shares], 1) @ view.turn[:, None]
+    at_corner = np.einsum("nfki,nfi->nfk", vectors, p)
+    rows = np.concatenate([vectors, at_corner[..., None]], -1).reshape(*p.shape[:2], 12)
+    reach = 1 / np.maximum(np.abs(at_corner[..., 0]), 1e-12)
+    return View(rows, view.planes, reach, np.broadcast_to(texels / area[:, 0], reach.shape).copy(), view.turn)
+
+
+@compiled
+def dot(a: Array, b: Array) -> float:
+    product: float = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return product
+
+
+@compiled
+def widened(cos: float, sin: float, by: float) -> tuple[float, float]:
+    """The cosine and sine of an angle plus asin(by); those of a cone that may hold anything, once it is no cone."""
+    c = math.sqrt(max(0.0, 1 - by * by))
+    wide = cos * c - sin * by
+    return (wide, sin * c + cos * by) if by < 1 and wide > 0 and cos > 0 else (-2.0, 2.0)
+
+
+@compiled
+def sift(
+    axis: Array,
+    spread: Array,
+    around: float,
+    planes: Array,
+    reach: Array,
+    among: Array,
+    number: int,
+    chosen: Array,
+    limit: Array,
+) -> int:
+    """Which of the first `number` faces of `among` a cone may see: how many they are.
+
+    They go to `chosen`, nearest first, and the largest w that each can have to `limit`.
+    """
+    cos, sin = spread[0], spread[1]
+    count = 0
+    behind = 0.0  # some face fills the cone at this w or more: what stays below is hidden
+    for n in range(number):
+        f = among[n]
+        if around > 0:
+            cos, sin = widened(spread[0], spread[1], around * reach[f])
+        inside = 1.0
+        for side in range(4, -1, -1):
+            inside = min(inside, dot(planes[f, side], axis))
+            if inside < -sin:
+                break
+        if inside < -sin:
+            continue
+        c = dot(planes[f, 0], axis)
+        s = math.sqrt(max(0.0, 1 - c * c))
+        most = reach[f] * (1.0 if c >= cos else c * cos + s * sin)
+        if around > 0:
+            most = most / (1 - around * most) if around * most < 1 else math.inf
+        if most <= behind:
+            continue
+        if inside > sin:
+            least = reach[f] * (c * cos - s * sin)
+            behind = max(behind, least / (1 + around * least) * (1 - 1e-9))
+        k = count
+        while k > 0 and limit[k - 1] < most:
+            chosen[k], limit[k] = chosen[k - 1], limit[k - 1]
+            k -= 1
+        chosen[k], limit[k] = f, most
+        count += 1
+    while count > 0 and limit[count - 1] < behind:
+        count -= 1
+    return count
+
+
+@compiled
+def nearest(x: float, y: float, z: float, rows: Array, limit: Array, count: int) -> tuple[int, float, float, float]:
+    """Which of `count` faces (C, 9) a ray meets first (-1: none), how far away, and where: fractions of its edges."""
+    hit, best, b1, b2 = -1, 0.0, 0.0, 0.0
+    for k in range(count):
+        if limit[k] <= best:
+            break
+        w = rows[k, 0] * x + rows[k, 1] * y + rows[k, 2] * z
+        if w > best:
+            a1 = rows[k, 3] * x + rows[k, 4] * y + rows[k, 5] * z
+            a2 = rows[k, 6] * x + rows[k, 7] * y + rows[k, 8] * z
+            if -EDGE <= a1 <= w + EDGE and -EDGE <= a2 <= w + EDGE:
+                hit, best, b1, b2 = k, w, a1, a2
+    t = 1 / best
+    return hit, t, b1 * t, b2 * t
+
+
+@compiled
+def nearest_around(
+    x: float, y: float, z: float, ox: float, oy: float, oz: float, rows: Array, limit: Array, count: int
+) -> tuple[int, float, float, float, float]:
+    """The same for a ray that starts at (ox, oy, oz), with faces (C, 12); last, its start's distance from the plane hit."""
+    hit, best, b1, b2, off = -1, 0.0, 0.0, 0.0, 1.0
+    for k in range(count):
+        if limit[k] <= best:
+            break
+        apart = rows[k, 3] - (rows[k, 0] * ox + rows[k, 1] * oy + rows[k, 2] * oz)
+        w = (rows[k, 0] * x + rows[k, 1] * y + rows[k, 2] * z) / apart if apart != 0 else 0.0
+        if w > best:
+            o1 = rows[k, 4] * ox + rows[k, 5] * oy + rows[k, 6] * oz - rows[k, 7]
+            o2 = rows[k, 8] * ox + rows[k, 9] * oy + rows[k, 10] * oz - rows[k, 11]
+            a1 = rows[k, 4] * x + rows[k, 5] * y + rows[k, 6] * z + w * o1
+            a2 = rows[k, 8] * x + rows[k, 9] * y + rows[k, 10] * z + w * o2
+            if -EDGE <= a1 <= w + EDGE and -EDGE <= a2 <= w + EDGE:
+                hit, best, b1, b2, off = k, w, a1, a2, abs(apart)
+    t = 1 / best
+    return hit, t, b1 * t, b2 * t, off
+
+
+@compiled
+def add_texel(texels: Array, start: int, width: int, height: int, x: float, y: float, total: Array) -> None:
+    """Add to `total` (C,) the bilinear colour at fractions (x, y) of the picture that begins at `start`."""
+    px = min(max(x * width - 0.5, 0.0), width - 1.0)
+    py = min(max(y * height - 0.5, 0.0), height - 1.0)
+    x0, y0 = int(px), int(py)
+    fx, fy = px - x0, py - y0
+    a = start + y0 * width + x0
+    b = a + (width if y0 + 1 < height else 0)
+    right = 1 if x0 + 1 < width else 0
+    for channel in range(len(total)):
+        low = texels[a, channel] * (1 - fx) + texels[a + right, channel] * fx
+        high = texels[b, channel] * (1 - fx) + texels[b + right, channel] * fx
+        total[channel] += low * (1 - fy) + high * fy
+
+
+@compiled
+def first_hit(
+    rays: Array, starts: Array | None, v: int, u: int, s: int, rows: Array, limit: Array, count: int
+) -> tuple[int, float, float, float, float]:
+    """What `nearest_around` tells, of one of the rays that start there or, with None, in the viewpoint."""
+    dx, dy, dz = rays[v, u, s, 0], rays[v, u, s, 1], rays[v, u, s, 2]
+    if starts is not None:
+        ox, oy, oz = starts[v, u, s, 0], starts[v, u, s, 1], starts[v, u, s, 2]
+        return nearest_around(dx, dy, dz, ox, oy, oz, rows, limit, count)
+    k, t, x, y = nearest(dx, dy, dz, rows, limit, count)
+    return k, t, x, y, 1.0
+
+
+@compiled
+def level_of(atlas: Atlas, picture: int, texels: float) -> int:
+    """The line of `atlas.levels` at whose resolution a pixel covers a texel, when it covers `texels` of the finest."""
+    _, exponent = math.frexp(texels)  # 4^level texels
+    level: int = min(atlas.first[picture] + max(exponent >> 1, 0), atlas.first[picture + 1] - 1)
+    return level
+
+
+@compiled
+def add_sky(atlas: Atlas, picture: int, ray: Array, turn: Array, total: Array) -> None:
+    """Add to `total` (C,) the sky's colour in the direction of a ray; its picture holds the sky twice, side by side."""
+    x, y, z = dot(turn[0], ray), dot(turn[1], ray), dot(turn[2], ray)
+    across = 0.5 + math.atan2(y, x) / (4 * math.pi)  # in the middle half of the picture, so that the sky has no seam
+    down = math.acos(min(max(z, -1.0), 1.0)) / math.pi
+    width, height = atlas.levels[atlas.first[picture], 1], atlas.levels[atlas.first[picture], 2]
+    texels = ray[3] * width * height / (4 * math.pi**2 * max(math.hypot(x, y), 1e-3))
+    level = level_of(atlas, picture, texels)
+    start, width, height = atlas.levels[level]
+    add_texel(atlas.texels, start, width, height, across, down, total)
+
+
+@compiled
+def shade(
+    rays: Array,
+    starts: Array | None,
+    tile: tuple[int, int, int, int],
+    rows: Array,
+    limit: Array,
+    chosen: Array,
+    count: int,
+    density: Array,
+    turn: Array,
+    atlas: Atlas,
+    out: Array,
+) -> None:
+    """Fill the pixels of a tile in the image `out` (H, W, C) with the means over their rays."""
+    top, bottom, left, right = tile
+    samples = rays.shape[2]
+    sky = len(atlas.first) - 1 > len(density)  # its picture follows the faces'
+    total = np.empty(out.shape[2], np.float64)
+    for v in range(top, bottom):
+        for u in range(left, right):
+            total[:] = 0
+            for s in range(samples):
+                k, t, x, y, apart = first_hit(rays, starts, v, u, s, rows, limit, count)
+                if k >= 0:
+                    f = chosen[k]
+                    # the pixel covers solid_angle t^2 / cos on the face
+                    level = level_of(atlas, f, rays[v, u, s, 3] * density[f] * (t * t * t) / apart)
+                    add_texel(
+                        atlas.texels,
+                        atlas.levels[level, 0],
+                        atlas.levels[level, 1],
+                        atlas.levels[level, 2],
+                        x,
+                        y,
+                        total,
+                    )
+                elif sky and rays[v, u, s, 3] > 0:
+                    add_sky(atlas, len(density), rays[v, u, s], turn, total)
+            for channel in range(len(total)):
+                out[v, u, channel] = np.uint8(total[channel] / (256 * samples) + 0.5)
+
+
+@compiled
+def measure(
+    rays: Array,
+    starts: Array | None,
+    tile: tuple[int, int, int, int],
+    rows: Array,
+    limit: Array,
+    count: int,
+    out: Array,
+) -> None:
+    """Fill the pixels of a tile in `out` (H, W) with how far their first rays go; infinity where they meet nothing."""
+    top, bottom, left, right = tile
+    for v in range(top, bottom):
+        for u in range(left, right):
+            k, t, _, _, _ = first_hit(rays, starts, v, u, 0, rows, limit, count)
+            out[v, u] = t if k >= 0 else math.inf
+
+
+@compiled_parallel
+def trace(
+    rays: Array, starts: Array | None, blocks: Cones, tiles: Cones, view: View, atlas: Atlas | None, out: Array
+) -> None:
+    """Fill the images `out` (N, H, W, C), or without an atlas the depths (N, H, W) in metres along the rays.
+
+    Each pixel is computed alone, so the number of threads changes nothing.
+    """
+    height, width = rays.shape[:2]
+    blocks_v, blocks_u = blocks.axis.shape[:2]
+    faces = view.reach.shape[1]
+    for job in numba.prange(len(out) * blocks_v):
+        i, bv = job // blocks_v, job % blocks_v
+        planes, reach, all_rows, density = view.planes[i], view.reach[i], view.rows[i], view.density[i]
+        everything = np.arange(faces)
+        some, few, limit, rows = (
+            np.empty(faces, np.int64),
+            np.empty(faces, np.int64),
+            np.empty(faces),
+            np.empty((faces, all_rows.shape[1])),
+        )
+        for bu in range(blocks_u):
+            number = sift(
+                blocks.axis[bv, bu],
+                blocks.spread[bv, bu],
+                blocks.around[bv, bu],
+                planes,
+                reach,
+                everything,
+                faces,
+                some,
+                limit,
+            )
+            for v in range(bv * BLOCK, min(bv * BLOCK + BLOCK, height), TILE):
+                for u in range(bu * BLOCK, min(bu * BLOCK + BLOCK, width), TILE):
+                    tv, tu = v // TILE, u // TILE
+                    count = sift(
+                        tiles.axis[tv, tu],
+                        tiles.spread[tv, tu],
+                        tiles.around[tv, tu],
+                        planes,
+                        reach,
+                        some,
+                        number,
+                        few,
+                        limit,
+                    )
+                    for k in range(count):
+                        rows[k] = all_rows[few[k]]
+                    tile = v, min(v + TILE, height), u, min(u + TILE, width)
+                    if atlas is None:
+                        measure(rays, starts, tile, rows, limit, count, out[i])
+                    else:
+                        shade(rays, starts, tile, rows, limit, few, count, density, view.turn[i], atlas, out[i])

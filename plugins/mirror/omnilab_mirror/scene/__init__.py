@@ -1,0 +1,1 @@
+"""Virtual worlds as data: files, objects, textures, meshes, light, free space."""

@@ -1,0 +1,133 @@
+"""What may be wrong with a world though it can be rendered: sentences that name the objects."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from omnilab.api import Floats
+from omnilab_mirror.scene.quads import Face, Solid
+from omnilab_mirror.scene.world import World
+
+HEIGHT_M = 1.0
+SAME_PLANE_M = 0.002  # nearer than this, two faces shine through each other
+OVERLAP_M = 0.02  # faces and solids that touch overlap by less
+OPEN_M = 500.0  # an area as high as this has no ceiling
+
+
+def warnings_of(world: World) -> Iterator[str]:
+    """All that is suspicious, one sentence each."""
+    yield from _areas(world)
+    yield from _lamps(world)
+    yield from _outside(world)
+    yield from _in_walls(world)
+    yield from _paths(world)
+    yield from _same_plane(world)
+
+
+def _areas(world: World) -> Iterator[str]:
+    if not world.areas:
+        yield "there is no room and no area, so viewpoints may be anywhere; add one"
+        return
+    low, high = _bounds(world)
+    for axis, side in zip("xy", world.map_m, strict=True):
+        i = "xy".index(axis)
+        if -side / 2 < low[i] or side / 2 > high[i]:
+            yield f"map_m is {side:g} m in {axis}, from {-side / 2:g} to {side / 2:g}, but there is floor from {low[i]:g} to {high[i]:g} only"
+
+
+def _lamps(world: World) -> Iterator[str]:
+    glowing = {face.name for face in world.faces if face.paint.glows}
+    for lamp in world.light.lamps:
+        for solid in world.solids:
+            if solid.name not in glowing and solid.holds(lamp.at[None], 0)[0]:
+                yield f"the lamp '{lamp.name}' at {lamp.at.tolist()} is inside '{solid.name}', which keeps its light in"
+    if world.light.ambient == 0 and not world.light.lamps:
+        yield "there is neither ambient light nor a lamp, so that everything is black"
+
+
+def _outside(world: World) -> Iterator[str]:
+    """Where all areas have ceilings, what is not wholly in one of them."""
+    if not world.areas or any(area.high[2] - area.low[2] > OPEN_M for area in world.areas):
+        return
+    corners: dict[tuple[int, str], list[Floats]] = {}
+    for face in world.faces:
+        corners.setdefault((face.seed[0], face.name), []).extend(_corners(face))
+    for (_, name), points in corners.items():
+        inside = np.any([area.holds(np.array(points), -0.01) for area in world.areas], axis=0)
+        if not inside.all():
+            where = f"near {np.round(points[int(np.argmin(inside))], 2).tolist()}"
+            yield f"'{name}' {'sticks through a wall' if inside.any() else 'lies outside every room'}, {where}"
+
+
+def _in_walls(world: World) -> Iterator[str]:
+    walls = [solid for solid in world.solids if solid.name == "wall"]
+    for solid in world.solids:
+        if solid.name not in {"wall", "pillar"} and any(_overlap(solid, wall) for wall in walls):
+            yield f"'{solid.name}' at {np.round(solid.place.at, 2).tolist()} sticks into a wall"
+
+
+def _paths(world: World) -> Iterator[str]:
+    for name, path in world.paths.items():
+        T = path.poses(HEIGHT_M)
+        found = [(i, why) for i, why in enumerate(world.obstacles(T[:, :3, 3], on_floor=True)) if why]
+        if found:
+            i, why = found[0]
+            x, y = T[i, :2, 3]
+            yield f"path '{name}': {len(found)} of {len(T)} images are not free, the first at ({x:.2f}, {y:.2f}), {why}"
+
+
+def _same_plane(world: World) -> Iterator[str]:
+    """Pairs of faces that look the same way in one plane, and overlap: which one is seen changes from pixel to pixel."""
+    normals = np.array([np.cross(face.u, face.v) for face in world.faces])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    offsets = np.einsum("fi,fi->f", normals, [face.corner for face in world.faces])
+    on_floor = normals[:, 2] < -0.999  # seen by nobody
+    on_floor &= np.isin(np.round(-offsets, 3), [round(float(area.low[2]), 3) for area in world.areas])
+    alike = (normals @ normals.T > 1 - 1e-6) & (np.abs(offsets[:, None] - offsets) < SAME_PLANE_M)
+    told = set()
+    for i, j in zip(*np.nonzero(np.triu(alike & ~on_floor, 1)), strict=True):
+        one, other = world.faces[i], world.faces[j]
+        pair = (one.name, other.name)
+        if one.seed[0] != other.seed[0] and pair not in told and _faces_overlap(one, other):
+            told.add(pair)
+            middle = np.round(other.corner + (other.u + other.v) / 2, 2).tolist()
+            yield f"faces of '{one.name}' and '{other.name}' lie in one plane near {middle} and shine through each other"
+
+
+def _bounds(world: World) -> tuple[Floats, Floats]:
+    return (
+        np.min([area.low for area in world.areas], axis=0),
+        np.max([area.high for area in world.areas], axis=0),
+    )
+
+
+def _corners(face: Face) -> list[Floats]:
+    return [face.corner, face.corner + face.u, face.corner + face.v, face.corner + face.u + face.v]
+
+
+def _faces_overlap(one: Face, other: Face) -> bool:
+    """By the separating axes of two parallelograms in one plane."""
+    normal = np.cross(one.u, one.v)
+    axes = [np.cross(normal, edge) for face in (one, other) for edge in (face.u, face.v)]
+    return _meet(np.array(_corners(one)), np.array(_corners(other)), axes)
+
+
+def _overlap(one: Solid, other: Solid) -> bool:
+    """By the separating axes of two upright boxes."""
+    axes = [solid.place.rotation[:, i] for solid in (one, other) for i in (0, 1)]
+    return _meet(_box(one), _box(other), [*axes, np.array([0, 0, 1.0])])
+
+
+def _box(solid: Solid) -> Floats:
+    corners = np.array([[(solid.low, solid.high)[k >> i & 1][i] for i in range(3)] for k in range(8)])
+    return np.asarray(solid.place.at + corners @ solid.place.rotation.T)
+
+
+def _meet(one: Floats, other: Floats, axes: list[Floats]) -> bool:
+    for axis in axes:
+        a, b = one @ axis / np.linalg.norm(axis), other @ axis / np.linalg.norm(axis)
+        if min(a.max(), b.max()) - max(a.min(), b.min()) < OVERLAP_M:
+            return False
+    return True

@@ -1,0 +1,1 @@
+"""Meshes from OBJ, GLB and PLY files."""

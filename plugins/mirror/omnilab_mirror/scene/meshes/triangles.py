@@ -1,0 +1,89 @@
+"""Triangles with pictures, colours and names: what mesh files become, and faces where a world also holds meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from omnilab.api import Bytes, Floats, Ints
+from omnilab_mirror.scene.quads import Face
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """T triangles, the pictures on them and what they belong to."""
+
+    corners: Floats  # (T, 3, 3) float32, metres in the world frame
+    uv: Floats  # (T, 3, 2) float32: right and down in fractions of the picture
+    picture: Ints  # (T,) int32, index into `pictures`
+    colors: Bytes  # (T, 3, 3) of the corners, which tint the picture
+    name: Ints  # (T,) int32, index into `names`
+    painted: npt.NDArray[np.bool_]  # (T,): light is in the picture already, and the picture ends at its edge
+    pictures: list[Bytes]  # (h, w, 3) each, row 0 where uv's second is 0
+    names: list[str]
+
+    def __len__(self) -> int:
+        return len(self.corners)
+
+    def __getitem__(self, which: Array) -> Triangles:
+        fields = ("corners", "uv", "picture", "colors", "name", "painted")
+        return replace(self, **{field: getattr(self, field)[which] for field in fields})
+
+    @property
+    def bounds(self) -> Floats:
+        """Lowest and highest corner (2, 3)."""
+        points = self.corners.reshape(-1, 3)
+        return np.array([points.min(0), points.max(0)], float)
+
+    @cached_property
+    def normals(self) -> Floats:
+        """Normals (T, 3), twice the area long, by the right hand around the corners."""
+        a, b, c = (self.corners[:, i] for i in range(3))
+        return np.asarray(np.cross(b - a, c - a))
+
+    def moved(self, matrix: Floats, at: Floats) -> Triangles:
+        """All points x become matrix @ x + at."""
+        return replace(self, corners=(self.corners @ np.asarray(matrix).T + at).astype(np.float32))
+
+
+def joined(parts: Sequence[Triangles]) -> Triangles:
+    """Several as one; a picture that they share is kept once."""
+    pictures = {id(picture): picture for part in parts for picture in part.pictures}
+    number = {key: i for i, key in enumerate(pictures)}
+    index = [np.array([number[id(picture)] for picture in part.pictures], np.int32) for part in parts]
+    names = np.cumsum([0, *(len(part.names) for part in parts)])
+    return Triangles(
+        np.concatenate([part.corners for part in parts]),
+        np.concatenate([part.uv for part in parts]),
+        np.concatenate([numbers[part.picture] for part, numbers in zip(parts, index, strict=True)]),
+        np.concatenate([part.colors for part in parts]),
+        np.concatenate([part.name + first for part, first in zip(parts, names, strict=False)]).astype(np.int32),
+        np.concatenate([part.painted for part in parts]),
+        list(pictures.values()),
+        [name for part in parts for name in part.names],
+    )
+
+
+def halves(faces: Sequence[Face], pictures: list[Bytes]) -> Triangles:
+    """Two triangles for each face, with its painted picture."""
+    square = np.array([[[0, 0], [1, 0], [1, 1]], [[0, 0], [1, 1], [0, 1]]], np.float32)
+    edges = np.array([(face.u, face.v) for face in faces])
+    corners = np.array([face.corner for face in faces])[:, None, None] + np.einsum("tci,fij->ftcj", square, edges)
+    count = 2 * len(faces)
+    return Triangles(
+        corners.reshape(-1, 3, 3).astype(np.float32),
+        np.tile(square, (len(faces), 1, 1)),
+        np.repeat(np.arange(len(faces), dtype=np.int32), 2),
+        np.full((count, 3, 3), 255, np.uint8),
+        np.zeros(count, np.int32),
+        np.ones(count, bool),
+        pictures,
+        ["face"],
+    )

@@ -1,0 +1,1 @@
+"""Virtual cameras as sensors, by what they look through."""

@@ -1,0 +1,127 @@
+"""Sensors with a lens, or as a calibration tool describes them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from omnilab.cameras import (
+    FisheyeCamera,
+    OCamCamera,
+    PinholeCamera,
+    RayCamera,
+    StereoCamera,
+    UnifiedCamera,
+    load_camera,
+)
+from omnilab_mirror.sensors.virtual import VirtualCamera
+
+
+@dataclass
+class Pinhole(VirtualCamera):
+    """Images a virtual world with a conventional camera, by default one that looks ahead along the camera frame's +x."""
+
+    width: int = 320  # pixels
+    height: int = 240  # pixels
+    focal_px: float = 200.0  # focal length in pixels
+    looks: str = "ahead"  # or up, down
+
+    @property
+    def camera(self) -> PinholeCamera:
+        """The camera, its axis in the middle of the image."""
+        return PinholeCamera(focal_px=self.focal_px, looks=self.looks, **middle(self.width, self.height))
+
+
+@dataclass
+class Stereo(VirtualCamera):
+    """Images a virtual world with two conventional cameras that look ahead, side by side in one picture, the left one left.
+
+    The pose is in the middle between them.
+    """
+
+    width: int = 640  # pixels of both halves together
+    height: int = 240  # pixels
+    focal_px: float = 200.0  # focal length in pixels
+    baseline_m: float = 0.12  # from one camera to the other
+
+    @property
+    def camera(self) -> StereoCamera:
+        """Both cameras."""
+        return StereoCamera(width=self.width, height=self.height, focal_px=self.focal_px, baseline_m=self.baseline_m)
+
+
+@dataclass
+class Fisheye(VirtualCamera):
+    """Images a virtual world with an equidistant fisheye lens, by default a half-space that is seen looking up."""
+
+    size: int = 250  # pixels of a side
+    focal_px: float = 79.0  # pixels from the middle for each radian from the axis
+    looks: str = "up"  # or down, ahead
+
+    @property
+    def camera(self) -> FisheyeCamera:
+        """The camera, which shows the largest circle that the image holds."""
+        return FisheyeCamera(
+            focal_px=self.focal_px, looks=self.looks, rim_px=self.size / 2, **middle(self.size, self.size)
+        )
+
+
+@dataclass
+class Unified(VirtualCamera):
+    """Images a virtual world with any central camera of the unified model (Mei & Rives, 2007): K, xi and distortion."""
+
+    width: int = 250  # pixels
+    height: int = 250  # pixels
+    fx: float = 40.0  # focal length along u in pixels
+    fy: float = 40.0  # and along v
+    cx: float = 124.5  # where the axis meets the image, in pixels
+    cy: float = 124.5  # pixels
+    xi: float = 0.9  # 0: a pinhole; 1: a parabolic mirror
+    skew: float = 0.0  # pixels of u for each unit of y
+    k1: float = 0.0  # distortion along the radius, by its square
+    k2: float = 0.0  # and by its fourth power
+    p1: float = 0.0  # distortion aside, mostly along v
+    p2: float = 0.0  # mostly along u
+    looks: str = "down"  # or up, ahead
+    rim_px: float | None = 124.5  # radius of the circle that shows the world; null: as far as frame and model reach
+
+    @property
+    def camera(self) -> UnifiedCamera:
+        """The camera."""
+        return UnifiedCamera(
+            width=self.width, height=self.height, cx=self.cx, cy=self.cy, looks=self.looks, rim_px=self.rim_px,
+            fx=self.fx, fy=self.fy, xi=self.xi, skew=self.skew, k1=self.k1, k2=self.k2, p1=self.p1, p2=self.p2,
+        )  # fmt: skip
+
+
+@dataclass
+class OCam(VirtualCamera):
+    """Images a virtual world with a camera that the OCamCalib toolbox calibrated (Scaramuzza and others, 2006)."""
+
+    file: str = "???"  # path of a calib_results.txt
+    looks: str = "down"  # or up, ahead
+    rim_px: float | None = None  # radius of the circle that shows the world; null: as far as frame and model reach
+    inner_px: float = 0.0  # inside this radius the camera sees itself
+
+    @property
+    def camera(self) -> OCamCamera:
+        """The camera in the file."""
+        return OCamCamera.from_file(Path(self.file), self.looks, self.rim_px, self.inner_px)
+
+
+@dataclass
+class Calibrated(VirtualCamera):
+    """Images a virtual world with the camera of a JSON file, as `omnilab.cameras.save_camera` writes them."""
+
+    file: str = "???"  # path of the camera's file
+
+    @property
+    def camera(self) -> RayCamera:
+        """The camera in the file."""
+        return load_camera(Path(self.file))
+
+
+def middle(width: int, height: int) -> dict[str, Any]:
+    """The frame of a camera whose axis is in the middle of the image."""
+    return {"width": width, "height": height, "cx": (width - 1) / 2, "cy": (height - 1) / 2}

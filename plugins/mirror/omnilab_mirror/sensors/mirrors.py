@@ -1,0 +1,95 @@
+"""Sensors with a mirror: a camera below looks up into it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from omnilab.cameras import ConicalMirror, EllipticMirror, HyperbolicMirror, ParabolicMirror, SphericalMirror
+from omnilab_mirror.sensors.virtual import VirtualCamera
+
+
+@dataclass
+class Mirror(VirtualCamera):
+    """Images a virtual world through a hyperbolic mirror, from any pose (Berenguer, thesis, chapter 3.3).
+
+    Rays are traced exactly, from the mirror's effective viewpoint; the viewpoint is the pose's origin.
+    """
+
+    size: int = 250  # pixels of a side
+    crop: float = 0.5  # share of the mirror's diameter in the image; 1: all of it
+    a_mm: float = 40.0  # the hyperbola's a
+    b_mm: float = 160.0  # the hyperbola's b
+    rim_mm: float = 41.0  # from the mirror's apex up to its rim
+    margin_px: int = 0  # black columns on the left and on the right: a frame wider than high
+
+    @property
+    def camera(self) -> HyperbolicMirror:
+        """The mirror and its camera."""
+        return HyperbolicMirror(self.size, self.crop, self.a_mm, self.b_mm, self.rim_mm, margin_px=self.margin_px)
+
+
+@dataclass
+class Parabolic(VirtualCamera):
+    """Images a virtual world through a parabolic mirror with an orthographic camera; the viewpoint is the pose's origin."""
+
+    size: int = 250  # pixels of a side
+    crop: float = 1.0  # share of the mirror's diameter in the image; 1: all of it
+    h_mm: float = 20.0  # the mirror's radius at the height of its focus
+    rim_mm: float = 30.0  # from the mirror's apex up to its rim
+
+    @property
+    def camera(self) -> ParabolicMirror:
+        """The mirror and its camera."""
+        return ParabolicMirror(self.size, self.crop, self.h_mm, self.rim_mm)
+
+
+@dataclass
+class Spherical(VirtualCamera):
+    """Images a virtual world through a ball. There is no viewpoint: the ball's lowest point is the pose's origin."""
+
+    size: int = 250  # pixels of a side
+    crop: float = 1.0  # share of the mirror's diameter in the image; 1: all of it
+    distance_mm: float = 100.0  # from the camera's focus up to the mirror's apex
+    rim_radius_mm: float = 35.0  # where the mirror ends
+    radius_mm: float = 40.0  # of the ball
+
+    @property
+    def camera(self) -> SphericalMirror:
+        """The mirror and its camera."""
+        return SphericalMirror(self.size, self.crop, self.distance_mm, self.rim_radius_mm, self.radius_mm)
+
+
+@dataclass
+class Elliptic(VirtualCamera):
+    """Images a virtual world through an ellipsoid. There is no viewpoint: its lowest point is the pose's origin."""
+
+    size: int = 250  # pixels of a side
+    crop: float = 1.0  # share of the mirror's diameter in the image; 1: all of it
+    distance_mm: float = 100.0  # from the camera's focus up to the mirror's apex
+    rim_radius_mm: float = 35.0  # where the mirror ends
+    a_mm: float = 40.0  # semi-axis across
+    b_mm: float = 50.0  # semi-axis along the mirror's axis
+
+    @property
+    def camera(self) -> EllipticMirror:
+        """The mirror and its camera."""
+        return EllipticMirror(self.size, self.crop, self.distance_mm, self.rim_radius_mm, self.a_mm, self.b_mm)
+
+
+@dataclass
+class Conical(VirtualCamera):
+    """Images a virtual world through a cone, tip down. There is no viewpoint: the tip is the pose's origin.
+
+    It sees a ring of elevations around the horizon, from 90 - 2 half_angle_deg degrees upwards.
+    """
+
+    size: int = 250  # pixels of a side
+    crop: float = 1.0  # share of the mirror's diameter in the image; 1: all of it
+    distance_mm: float = 20.0  # from the camera's focus up to the tip
+    rim_radius_mm: float = 30.0  # where the mirror ends
+    half_angle_deg: float = 55.0  # between the axis and the mirror
+
+    @property
+    def camera(self) -> ConicalMirror:
+        """The mirror and its camera."""
+        return ConicalMirror(self.size, self.crop, self.distance_mm, self.rim_radius_mm, self.half_angle_deg)

@@ -1,0 +1,84 @@
+"""What all virtual cameras share: a world, poses in it, and the rays of a camera model traced into it."""
+
+from __future__ import annotations
+
+import hashlib
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from omnilab.api import Floats, Frames, Layout, Mesh, Plan
+from omnilab.cameras import RayCamera
+from omnilab.errors import ConfigError, DataError
+
+RENDERER_VERSION = 1  # part of the keys: raise it when the same world and pose give another picture
+FRAME_NS = 100_000_000
+
+
+@dataclass
+class VirtualCamera(ABC):
+    """Images a virtual world from any pose. What a subclass adds is its camera model."""
+
+    world: str = "room"  # a shipped world's name, or the path of a YAML or mesh file (.obj, .glb, .ply)
+    variant: str | None = None  # of the world: one that its file names, with another light or other objects
+    color: bool = False  # RGB rather than grey
+    samples: int = 4  # rays a pixel: 1, 4, 9, ... against jagged edges
+    height_m: float = 1.0  # of the viewpoint, where a layout says nothing
+    on_floor: bool = True  # a robot carries the camera: grids and random poses keep clear of furniture below, too
+    batch: int = 64  # images rendered at once
+    depth: bool = False  # also how far each pixel sees
+
+    def __post_init__(self) -> None:
+        if self.samples < 1 or int(np.sqrt(self.samples)) ** 2 != self.samples:
+            raise ConfigError(f"samples={self.samples} do not fill a square; give 1, 4, 9 or another square")
+        if self.batch < 1:
+            raise ConfigError(f"batch={self.batch} holds no image; give at least 1")
+        _ = self.camera  # checks its settings
+
+    @property
+    @abstractmethod
+    def camera(self) -> RayCamera:
+        """The camera model; the origin of its frame is the pose."""
+
+    def plan(self, layout: Layout) -> Plan:
+        """The layout's poses, less those inside furniture or outside the room, which `omitted` lists."""
+        from omnilab_mirror.scene.world import load_world
+        from omnilab_mirror.sensors.poses import poses_of
+
+        world = load_world(self.world, self.variant)
+        T_world_camera, omitted = poses_of(layout, world, self.height_m, self.on_floor)
+        return Plan(self._keys(world.digest, T_world_camera), T_world_camera, omitted)
+
+    def frames(self, plan: Plan) -> Iterator[Frames]:
+        """The planned images, ten a second by the sensor's clock."""
+        if plan.T_world_camera is None:
+            raise DataError("a virtual sensor cannot image a plan without poses; ask this sensor's plan() for one")
+        from omnilab_mirror.render.render import depth_of, render
+        from omnilab_mirror.scene.world import load_world
+
+        world, camera = load_world(self.world, self.variant), self.camera
+        for start in range(0, len(plan), self.batch):
+            index = np.arange(start, min(start + self.batch, len(plan)))
+            T_world_camera = plan.T_world_camera[index]
+            images = render(world, camera, T_world_camera, self.samples, self.color)
+            depth = depth_of(world, camera, T_world_camera) if self.depth else None
+            yield Frames(images, plan.at(index).keys, FRAME_NS * index, camera, index, T_world_camera, depth_m=depth)
+
+    def scene(self) -> Mesh:
+        """The world's faces in coarse colours, open from above."""
+        from omnilab_mirror.scene.viewer_mesh import mesh_of
+        from omnilab_mirror.scene.world import load_world
+
+        return mesh_of(load_world(self.world, self.variant))
+
+    def _keys(self, digest: str, T_world_camera: Floats) -> Sequence[str]:
+        content = (RENDERER_VERSION, digest, repr(self.camera), self.color, self.samples)
+        camera = hashlib.blake2b(repr(content).encode(), digest_size=12)
+        keys = []
+        for pose in T_world_camera + 0.0:  # -0 is 0
+            key = camera.copy()
+            key.update(pose.tobytes())
+            keys.append(key.hexdigest())
+        return keys

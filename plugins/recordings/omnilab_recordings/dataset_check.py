@@ -1,0 +1,236 @@
+"""Somebody's own images, looked at before a study is: one pass over the files, and what it finds, in sentences."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from omnilab.api import Bytes, Camera
+from omnilab.cameras import ImageCircle, RayCamera
+from omnilab.errors import DataError
+from omnilab_recordings.circle import find_circle
+from omnilab_recordings.folder import Folder
+from omnilab_recordings.handedness import Handedness, Horizon
+from omnilab_recordings.images import decode, read_bytes
+from omnilab_recordings.positions import Positions
+from omnilab_recordings.recording import Recording
+
+MOST = 2000  # images that are read; of more, as many from all over the recording
+MOST_CELLS = 10**6  # of a grid, to look for holes in
+SHOWN = 4  # names in a sentence
+DARK, BLOWN, BLOWN_SHARE = 25.0, 250, 0.1  # grey levels, and the share of a picture that may be blown
+SURE_PX = 2.0  # that the circles found in halves of the sample may differ by
+BRIGHTER = 12.0  # grey levels that one side of the ring must be brighter by to be called sky
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line of the report. `mark` is "ok", "look" (it may spoil a study) or "?" (it cannot be told)."""
+
+    topic: str
+    mark: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Shot:
+    """What one file turned out to be."""
+
+    name: str
+    error: str = ""
+    size: tuple[int, int] = (0, 0)  # width, height
+    digest: str = ""  # of the pixels
+    mean: float | None = None  # grey level where the picture shows the world; None: it has another size
+    blown: float = 0.0  # share of that which is at BLOWN or above
+
+
+def look_at(folder: Path, names: Sequence[str], camera: Camera) -> list[Shot]:
+    """Read images of a folder, at most MOST of them."""
+    chosen = np.unique(np.linspace(0, len(names) - 1, min(len(names), MOST)).astype(int))
+    v, u = np.indices((camera.height, camera.width))
+    ring = camera.circle
+    distance = np.hypot(u - ring.cx, v - ring.cy)
+    shown = (distance <= ring.radius) & (distance >= ring.inner) if ring.radius else np.ones(v.shape, bool)
+    with ThreadPoolExecutor(2) as pool:
+        return list(pool.map(partial(_shot, folder, shown), [names[at] for at in chosen]))
+
+
+def _shot(folder: Path, shown: Bytes, name: str) -> Shot:
+    try:
+        pixels = decode(read_bytes(folder, name), name)
+    except DataError as error:
+        return Shot(name, str(error))
+    size = (pixels.shape[1], pixels.shape[0])
+    digest = hashlib.sha256(repr(size).encode() + pixels.tobytes()).hexdigest()
+    if pixels.shape != shown.shape:
+        return Shot(name, "", size, digest)
+    world = pixels[shown]
+    return Shot(name, "", size, digest, float(world.mean()), float((world >= BLOWN).mean()))
+
+
+# ------------------------------------------------------------------------------------------------------------- files
+def of_files(shots: Sequence[Shot], count: int) -> Iterator[Finding]:
+    """Sizes, files that cannot be read, and files with the same pixels."""
+    good = [shot for shot in shots if not shot.error]
+    sizes = Counter(shot.size for shot in good).most_common()
+    (width, height), _ = sizes[0]
+    some = f", of which {len(shots)} were read" if len(shots) < count else ""
+    yield Finding("images", "ok", f"{count} images{some}, {width} x {height} pixels")
+    others = [f"{shot.name} ({shot.size[0]} x {shot.size[1]})" for shot in good if shot.size != (width, height)]
+    if others:
+        yield Finding("sizes", "look", f"{len(others)} have another size: {first(others)}")
+    bad = [shot.error for shot in shots if shot.error]
+    if bad:
+        yield Finding("unreadable", "look", f"{len(bad)} cannot be read: {first(bad)}")
+    alike = defaultdict(list)
+    for shot in good:
+        alike[shot.digest].append(shot.name)
+    groups = [" = ".join(names[:SHOWN]) for names in alike.values() if len(names) > 1]
+    if groups:
+        yield Finding("duplicates", "look", f"{len(groups)} groups of files have the same pixels: {first(groups)}")
+
+
+def of_exposure(shots: Sequence[Shot]) -> Iterator[Finding]:
+    """Pictures that are too dark, blown out, or lit unlike the others."""
+    measured = {shot.name: shot.mean for shot in shots if shot.mean is not None}
+    means = np.array(list(measured.values()))
+    middle = float(np.median(means))
+    usual = max(25.0, 4 * float(np.median(np.abs(means - middle))))
+    dark = [name for name, mean in measured.items() if mean < DARK]
+    blown = [shot.name for shot in shots if shot.blown > BLOWN_SHARE]
+    odd = [name for name, mean in measured.items() if abs(mean - middle) > usual]
+    yield Finding("exposure", "look" if dark or blown or odd else "ok", f"median grey level {middle:.0f}"
+        + _told(dark, f"darker than {DARK:.0f}") + _told(blown, f"with over {BLOWN_SHARE:.0%} of the pixels at white")
+        + _told(odd, "lit unlike the others"))  # fmt: skip
+
+
+def _told(names: Sequence[str], what: str) -> str:
+    return f"; {len(names)} {what} ({first(names)})" if names else ""
+
+
+def first(texts: Sequence[str]) -> str:
+    """The first few of many."""
+    return ", ".join(texts[:SHOWN]) + (", ..." if len(texts) > SHOWN else "")
+
+
+# ------------------------------------------------------------------------------------------------------------- optics
+def of_circle(sensor: Folder, camera: Camera, sample: Sequence[Bytes]) -> Finding:
+    """The ring that shows the world, and how sure that is."""
+    ring = camera.circle
+    where = f"centre ({ring.cx:.1f}, {ring.cy:.1f}), radius {ring.radius:.1f}" + (
+        f", inner radius {ring.inner:.1f}" if ring.inner else ""
+    )
+    if isinstance(camera, RayCamera):
+        return Finding(
+            "camera", "ok", f"{type(camera).__name__}; {where if ring.radius else 'a panorama, without circle'}"
+        )
+    if sensor.circle_px is not None:
+        return Finding("circle", "ok", f"{where}, as given")
+    if ring.radius == min(camera.width, camera.height) / 2:
+        return Finding(
+            "circle", "?", f"no dark surround to find it by; {where}, inscribed in the frame, is a guess: give --circle"
+        )
+    return _sure(where, sample)
+
+
+def _sure(where: str, sample: Sequence[Bytes]) -> Finding:
+    """Whether the circle is found again in halves of the sample."""
+    try:
+        one, other = (find_circle(np.stack(half)) for half in (sample[::2], sample[1::2] or sample))
+    except DataError:
+        return Finding("circle", "look", f"{where}, but not found in half of the sample: check it in the picture")
+    apart = max(abs(one.cx - other.cx), abs(one.cy - other.cy), abs(one.radius - other.radius))
+    mark = "ok" if apart < SURE_PX else "look"
+    return Finding("circle", mark, f"{where}; found in the images, halves of the sample agree to {apart:.1f} px")
+
+
+def of_calibrated_horizon(camera: RayCamera) -> tuple[Finding, float | None]:
+    """The elevations that a camera shows, and the share of the panorama's height that lies below the horizon."""
+    lowest, highest = camera.elevations_rad
+    text = f"the camera shows elevations from {np.rad2deg(lowest):.0f} to {np.rad2deg(highest):.0f} degrees"
+    levels = np.linspace(0, 1, 1001)
+    z = camera.directions(camera.unwrap(np.zeros(1001), levels))[:, 2]
+    if not np.nanmin(z) < 0 < np.nanmax(z):
+        return Finding("horizon", "look", f"{text}, which leave out the horizon"), None
+    return Finding("horizon", "ok", text), float(levels[np.nanargmin(np.abs(z))])
+
+
+def of_moving_horizon(camera: ImageCircle, found: Horizon) -> Finding:
+    """The horizon that the robot's moves show, and on which side the ground is."""
+    ring = camera.circle
+    outward = 1 - found.level if camera.sky_inside else found.level
+    at = f"about {ring.inner + outward * (ring.radius - ring.inner):.0f} px from the centre: things rise on one side, sink on the other"
+    if found.upright is None:
+        return Finding("horizon", "?", f"{at}; equally fast, so which side is up cannot be told")
+    if found.upright:
+        return Finding("horizon", "ok", f"{at}, faster on the {_side(camera, above=False)}, the ground's")
+    return Finding("horizon", "look",
+        f"{at}, faster on the {_side(camera, above=True)}: if the ground is there, {_other_way(camera)}")  # fmt: skip
+
+
+def of_bright_side(camera: ImageCircle, panoramas: Bytes) -> Finding:
+    """Which side of the ring may be the sky; nothing tells the horizon itself."""
+    third = panoramas.shape[1] // 3
+    above, below = (float(part.mean()) for part in (panoramas[:, :third], panoramas[:, -third:]))
+    if abs(above - below) < BRIGHTER:
+        return Finding("horizon", "?", "cannot tell: neither side of the ring is brighter")
+    side = f"cannot tell where; the {_side(camera, above=above > below)} is brighter ({max(above, below):.0f} against {min(above, below):.0f})"
+    if above > below:
+        return Finding("horizon", "?", f"{side}, as it should if that is the sky")
+    return Finding("horizon", "look", f"{side}: if that is the sky, {_other_way(camera)}")
+
+
+def _side(camera: ImageCircle, above: bool) -> str:
+    return "inside" if above == camera.sky_inside else "outside"
+
+
+def _other_way(camera: ImageCircle) -> str:
+    return "leave out --sky-inside" if camera.sky_inside else "give --sky-inside (sensor.sky_inside=true)"
+
+
+# -------------------------------------------------------------------------------------------------------------- poses
+def of_poses(recording: Recording) -> Iterator[Finding]:
+    """What is known of where images were taken: extent, grid, holes, poses that occur twice."""
+    positions = recording.positions
+    if positions is None:
+        yield Finding("poses", "?", "none: write a positions.csv, or give --names")
+        return
+    extent = np.ptp(positions.position_m, axis=0)
+    yield Finding("poses", "ok", f"{len(positions.images)}, over {' x '.join(f'{side:.4g}' for side in extent)} m")
+    if recording.grid is not None:
+        cells = recording.grid.cells - recording.grid.cells.min(0)
+        there = set(map(tuple, cells.tolist()))
+        columns, rows = (int(most) + 1 for most in cells.max(0))
+        among = itertools.product(range(columns), range(rows)) if columns * rows <= MOST_CELLS else ()
+        holes = [f"column {x}, row {y}" for x, y in among if (x, y) not in there]
+        yield Finding("grid", "look" if holes else "ok", str(recording.grid) + _told(holes, "places without image"))
+    else:
+        yield Finding("grid", "?", "the positions form none")
+    if twice := _same_poses(positions):
+        yield Finding("same pose", "look", f"{len(twice)} pairs of images: {first(twice)}")
+
+
+def _same_poses(positions: Positions) -> list[str]:
+    poses = np.column_stack([positions.position_m.round(4), positions.R_world_robot.reshape(-1, 9).round(4)])
+    seen: dict[bytes, str] = {}
+    others = [
+        seen.setdefault((pose + 0.0).tobytes(), image) for image, pose in zip(positions.images, poses, strict=True)
+    ]
+    return [f"{other} and {image}" for image, other in zip(positions.images, others, strict=True) if other != image]
+
+
+def of_handedness(found: Handedness) -> Finding:
+    """Whether to flip the pictures, or that it cannot be told."""
+    told = f"{found.pairs} moves between neighbours agree to {found.as_taken:.2f} as taken, to {found.mirrored:.2f} flipped"
+    if found.is_mirrored is None:
+        return Finding("handedness", "?", f"cannot tell whether pictures are mirrored ({told}; 1 is full agreement)")
+    settings = f"sensor.mirrored={str(found.is_mirrored).lower()} sensor.turned_deg={round(found.turned_deg) % 360}"
+    return Finding("handedness", "ok", f"{settings} (the angle to a few degrees): {told}")

@@ -1,0 +1,214 @@
+"""What altimeters told, beside the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from omnilab.api import Floats, Heights, Metric
+from omnilab_studies.common.disturbance_levels import Level
+
+LEAST_M = 0.1  # rises whose sign counts
+ROUNDING_M = 1e-6
+FEWEST = 3  # points that a line is fitted to
+
+
+class Case(NamedTuple):
+    """An altimeter at one level of disturbance against one reference."""
+
+    altimeter: str
+    level: str
+    reference: str
+
+
+@dataclass(frozen=True)
+class Told:
+    """One column's answers: n tests against one reference."""
+
+    column: int
+    height_m: Floats  # (n,) of the tests
+    rise_m: Floats  # (n,) over the reference
+    heights: Heights
+    rotation_error_rad: Floats  # (n,)
+
+    @property
+    def value(self) -> Floats:
+        return self.heights.value
+
+    @property
+    def relative(self) -> Floats:
+        """The values divided by the largest of the column (thesis, figures 5.17-5.20)."""
+        largest = float(np.nanmax(np.abs(self.value), initial=0.0))
+        return self.value / largest if largest > 0 else np.zeros_like(self.value)
+
+    def line(self, range_m: float) -> tuple[float, float] | None:
+        """Slope and r2 of a line fitted to the values within `range_m` of the reference; None with too few points."""
+        near = (np.abs(self.rise_m) <= range_m + ROUNDING_M) & np.isfinite(self.value)
+        if near.sum() < FEWEST or np.ptp(self.rise_m[near]) < ROUNDING_M:
+            return None
+        x, y = self.rise_m[near], self.value[near]
+        slope, _ = np.polyfit(x, y, 1)
+        return float(slope), 0.0 if np.ptp(y) == 0 else float(np.corrcoef(x, y)[0, 1] ** 2)
+
+
+@dataclass
+class Altimetry:
+    """All answers, case by case."""
+
+    levels: Sequence[Level]
+    references: Sequence[str]
+    range_m: float  # around the reference: where lines are fitted
+    told: dict[Case, list[Told]] = field(default_factory=dict)
+
+    @property
+    def altimeters(self) -> list[str]:
+        return list(dict.fromkeys(case.altimeter for case in self.told))
+
+    def take(self, case: Case, told: Told) -> None:
+        self.told.setdefault(case, []).append(told)
+
+    def of(self, altimeter: str, level: str | None = None, reference: str | None = None) -> list[Told]:
+        """The answers of one altimeter, at one level and against one reference, or at and against all."""
+        return [
+            told
+            for case, parts in self.told.items()
+            if case.altimeter == altimeter and level in (None, case.level) and reference in (None, case.reference)
+            for told in parts
+        ]
+
+    def scale(self, altimeter: str, reference: str) -> float:
+        """Metres per unit, for all columns: least squares through 0 over the clear answers. NaN if all are 0."""
+        parts = self.of(altimeter, self.levels[0].title, reference)
+        value, rise = _joined(parts, "value"), _joined(parts, "rise_m")
+        known = np.isfinite(value)
+        power = float((value[known] ** 2).sum())
+        return float((value[known] * rise[known]).sum()) / power if power > 0 else float("nan")
+
+    def scores(self) -> list[dict[str, Any]]:
+        """One row a case."""
+        return [self._score(case, parts) for case, parts in self.told.items()]
+
+    def _score(self, case: Case, parts: Sequence[Told]) -> dict[str, Any]:
+        lines = [line for told in parts if (line := told.line(self.range_m)) is not None]
+        slopes, r2 = np.array(lines or [(np.nan, np.nan)]).T
+        value, rise = _joined(parts, "value"), _joined(parts, "rise_m")
+        known = np.isfinite(value)
+        error = self.scale(case.altimeter, case.reference) * value[known] - rise[known]
+        near = np.abs(rise[known]) <= self.range_m + ROUNDING_M
+        return {
+            **case._asdict(),
+            "pairs": len(value),
+            "unanswered": int((~known).sum()),
+            "sign_rate": sign_rate(value, rise),
+            "slope_mean": float(slopes.mean()),
+            "slope_std": float(slopes.std()),
+            "unit": parts[0].heights.unit,
+            "r2_median": float(np.median(r2)),
+            "r2_lowest": float(r2.min()),
+            "rms_m": _rms(error),
+            "rms_near_m": _rms(error[near]),
+            "bias_m": float(error.mean()) if error.size else float("nan"),
+            "spread": spread_of(parts),
+            "rotation_error_median_deg": float(np.rad2deg(np.median(_joined(parts, "rotation_error_rad")))),
+        }
+
+    def signs(self) -> dict[str, list[Any]]:
+        """Rates of right signs by the size of the rise: one row for each altimeter, level and size."""
+        rows = []
+        for altimeter in self.altimeters:
+            for level in self.levels:
+                value, rise = (_joined(self.of(altimeter, level.title), name) for name in ("value", "rise_m"))
+                for size in np.unique(np.abs(rise).round(3)):
+                    at = np.abs(np.abs(rise) - size) < 1e-3
+                    if size >= ROUNDING_M:
+                        rows.append(
+                            (altimeter, level.title, float(size), int(at.sum()), sign_rate(value[at], rise[at], 0))
+                        )
+        names = ("altimeter", "level", "rise_m", "pairs", "sign_rate")
+        return dict(zip(names, map(list, zip(*rows, strict=True)), strict=True))
+
+    def estimates(self) -> dict[str, list[Any]]:
+        """One row an answer."""
+        rows = list(self._rows())
+        return {name: [row[name] for row in rows] for name in rows[0]}
+
+    def _rows(self) -> Iterator[dict[str, Any]]:
+        for case, parts in self.told.items():
+            for told in parts:
+                for i, height in enumerate(told.height_m):
+                    yield {
+                        **case._asdict(),
+                        "column": told.column,
+                        "height_m": round(float(height), 6),
+                        "rise_m": round(float(told.rise_m[i]), 6),
+                        "value": float(told.value[i]),
+                        "confidence": float(told.heights.confidence[i]),
+                        "rotation_error_deg": float(np.rad2deg(told.rotation_error_rad[i])),
+                    }
+
+    def metrics(self) -> list[Metric]:
+        """The rates of right signs, clear, come first."""
+        clear = self.levels[0].title
+        first, rest = [], []
+        for name in self.altimeters:
+            parts = self.of(name, clear)
+            rate = sign_rate(_joined(parts, "value"), _joined(parts, "rise_m"))
+            first.append(Metric(f"{name}_sign_clear", rate, "1"))
+        for row in self.scores():
+            key = f"{row['altimeter']}_{{}}_{_key(row['level'])}_{_key(row['reference'])}"
+            kinds = {"sign_rate": "1", "r2_median": "1", "rms_m": "m", "rms_near_m": "m", "bias_m": "m", "spread": "1"}
+            rest += [
+                Metric(key.format(kind), row[kind], unit) for kind, unit in kinds.items() if np.isfinite(row[kind])
+            ]
+            if np.isfinite(row["slope_mean"]):
+                rest.append(Metric(key.format("slope"), row["slope_mean"], f"{row['unit']}/m"))
+        return first + rest
+
+
+def sign_rate(value: Floats, rise_m: Floats, least_m: float = LEAST_M) -> float:
+    """The share of the rises of at least `least_m` whose values have their sign. None and 0 are wrong."""
+    far = np.abs(rise_m) >= least_m - ROUNDING_M
+    return float(np.mean(np.sign(value[far]) == np.sign(rise_m[far]))) if far.any() else float("nan")
+
+
+def by_height(parts: Sequence[Told]) -> tuple[Floats, Floats, Floats]:
+    """Heights (n,), and mean and standard deviation over the columns of what they told there, relative to their largest."""
+    heights, relative = (np.concatenate([getattr(t, name) for t in parts]) for name in ("height_m", "relative"))
+    known = np.isfinite(relative)
+    heights, relative = heights[known].round(2), relative[known]
+    at = np.unique(heights)
+    groups = [relative[heights == height] for height in at]
+    return at, np.array([group.mean() for group in groups]), np.array([group.std() for group in groups])
+
+
+def spread_of(parts: Sequence[Told]) -> float:
+    """The mean over the heights of the standard deviation over the columns; NaN if nothing was told."""
+    deviation = by_height(parts)[2]
+    return float(deviation.mean()) if len(deviation) else float("nan")
+
+
+def _joined(parts: Sequence[Told], name: str) -> Floats:
+    return np.concatenate([getattr(told, name) for told in parts]) if parts else np.empty(0)
+
+
+def _rms(error: Floats) -> float:
+    return float(np.sqrt(np.mean(error**2))) if error.size else float("nan")
+
+
+def _key(title: str) -> str:
+    """A title as a part of a metric's name."""
+    return title.replace(" ", "_")
+
+
+def markdown_of(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Scores as a document for the viewer."""
+    shown = ("altimeter", "level", "reference", "sign_rate", "r2_median", "rms_near_m", "bias_m", "spread")
+    lines = ["## Relative altitude", "", f"| {' | '.join(name.replace('_', ' ') for name in shown)} |"]
+    lines.append("|---" * len(shown) + "|")
+    for row in rows:
+        cells = [f"{row[name]:.3f}" if isinstance(row[name], float) else str(row[name]) for name in shown]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)

@@ -1,0 +1,139 @@
+"""What contestants answered at every level, and what it amounts to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from omnilab.api import Bytes, Floats, Metric
+from omnilab.metrics import VERDICTS
+from omnilab_studies.common.disturbance_levels import Level
+from omnilab_studies.common.method_runs import Answered, Cost
+from omnilab_studies.common.scores import Scored, joined
+
+BROKEN = 0.5  # of the rate of clear queries
+
+
+class Outcome:
+    """The answers of every contestant at every level."""
+
+    def __init__(self, names: Sequence[str], levels: Sequence[Level]) -> None:
+        self.names, self.levels = names, levels
+        self.pictures: list[Bytes] = []  # of the first query, at each level
+        self.fields: dict[str, Floats] = {}  # its clear distances to all places
+        self._batches: dict[tuple[str, int], list[Scored]] = {}
+
+    def take(self, step: int, answered: Answered) -> None:
+        name, distances = answered.contestant.name, answered.estimates.field
+        self._batches.setdefault((name, step), []).append(answered.scored)
+        if step == 0 and name not in self.fields and distances is not None:
+            self.fields[name] = distances[0]
+
+    def at(self, step: int) -> dict[str, Scored]:
+        """All answers at one level, by contestant."""
+        return {name: joined(self._batches.get((name, step), [])) for name in self.names}
+
+    @cached_property
+    def rates(self) -> dict[str, Floats]:
+        """Rates of nearest answers (levels,) of each contestant."""
+        steps = [self.at(step) for step in range(len(self.levels))]
+        return {name: np.array([float(np.mean(s[name].verdict == "nearest")) for s in steps]) for name in self.names}
+
+    def area(self, name: str, disturbance: str | None = None) -> float:
+        """Mean rate of nearest answers over a disturbance's levels, or the mean of that over all disturbances."""
+        disturbances = self.disturbances if disturbance is None else [disturbance]
+        return float(np.mean([self.rates[name][self.steps_of(d)].mean() for d in disturbances]))
+
+    def breakdown(self, name: str, disturbance: str) -> float | str:
+        """The first level at which the rate is below half of the clear one; empty if there is none."""
+        rates = self.rates[name]
+        broken = [i for i in self.steps_of(disturbance) if rates[i] < BROKEN * rates[0]]
+        return self.levels[broken[0]].value if broken else ""
+
+    @property
+    def disturbances(self) -> list[str]:
+        return list(dict.fromkeys(level.disturbance for level in self.levels[1:]))
+
+    def steps_of(self, disturbance: str) -> list[int]:
+        return [i for i, level in enumerate(self.levels) if level.disturbance == disturbance]
+
+    def table(self) -> dict[str, list[Any]]:
+        """One row a contestant and level."""
+        rows = [_row(name, level, self.at(i)[name]) for i, level in enumerate(self.levels) for name in self.names]
+        return columns_of(rows)
+
+
+def _row(name: str, level: Level, scored: Scored) -> dict[str, Any]:
+    return {
+        "contestant": name,
+        "disturbance": level.disturbance,
+        "setting": level.setting,
+        "level": level.value,
+        "queries": len(scored.verdict),
+        **{f"{verdict}_rate": float(np.mean(scored.verdict == verdict)) for verdict in VERDICTS},
+        "heading_error_median_deg": float(np.median(scored.heading_error_deg)),
+        "heading_error_p95_deg": float(np.quantile(scored.heading_error_deg, 0.95)),
+        "position_error_mean_m": float(scored.error_m.mean()),
+        "sharpness_mean": float(scored.sharpness.mean()),
+    }
+
+
+def key_of(name: str) -> str:
+    """A contestant's name as a part of others."""
+    return name.replace(" + ", "_")
+
+
+def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
+    return {key: [row[key] for row in rows] for key in rows[0]}
+
+
+def summary_of(outcome: Outcome, costs: Mapping[str, Cost]) -> list[dict[str, Any]]:
+    """One row a contestant."""
+    clear = outcome.at(0)
+    return [
+        {
+            "contestant": name,
+            "clear_rate": float(np.mean(clear[name].verdict == "nearest")),
+            "area": outcome.area(name),
+            **{f"area_{d}": outcome.area(name, d) for d in outcome.disturbances},
+            **{f"breakdown_{d}": outcome.breakdown(name, d) for d in outcome.disturbances},
+            "sharpness": float(clear[name].sharpness.mean()),
+            "heading_error_median_deg": float(np.median(clear[name].heading_error_deg)),
+            "bytes_per_place": costs[name].bytes_per_place,
+            "describe_ms": costs[name].describe_ms,
+            "locate_ms": costs[name].locate_ms,
+        }
+        for name in outcome.names
+    ]
+
+
+def metrics_of(outcome: Outcome, costs: Mapping[str, Cost]) -> list[Metric]:
+    """Areas first: they are what tables of runs show."""
+    found = [Metric(f"{key_of(name)}_area", outcome.area(name), "1") for name in outcome.names]
+    for name, scored in outcome.at(0).items():
+        key = key_of(name)
+        found.append(Metric(f"{key}_clear_rate", float(outcome.rates[name][0]), "1"))
+        found += [Metric(f"{key}_area_{d}", outcome.area(name, d), "1") for d in outcome.disturbances]
+        if scored.has_headings:
+            error = float(np.median(scored.heading_error_deg))
+            found.append(Metric(f"{key}_heading_error_median", error, "deg"))
+        if np.isfinite(scored.sharpness).all():
+            found.append(Metric(f"{key}_sharpness_mean", float(scored.sharpness.mean()), "1"))
+        found.append(Metric(f"{key}_bytes_per_place", costs[name].bytes_per_place, "B"))
+    return found
+
+
+def markdown_of(summary: Sequence[Mapping[str, Any]], levels: Sequence[Level], rates: Mapping[str, Floats]) -> str:
+    """Rates of every level, and the rest of what was found."""
+    names = [str(row["contestant"]) for row in summary]
+    lines = ["## Robustness", "", f"| nearest | {' | '.join(names)} |", "|---" * (len(names) + 1) + "|"]
+    for i, level in enumerate(levels):
+        lines.append(f"| {level.title} | {' | '.join(f'{rates[name][i]:.3f}' for name in names)} |")
+    lines += ["", f"| | {' | '.join(names)} |", "|---" * (len(names) + 1) + "|"]
+    for key in list(summary[0])[1:]:
+        cells = [f"{row[key]:.3g}" if isinstance(row[key], float) else f"{row[key] or '–'}" for row in summary]
+        lines.append(f"| {key.replace('_', ' ')} | {' | '.join(cells)} |")
+    return "\n".join(lines)

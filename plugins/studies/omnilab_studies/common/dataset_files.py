@@ -1,0 +1,222 @@
+"""A data set on disk: images, poses, calibration, depth (docs/datasets.md). Files are whole or not there."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from omnilab.api import Bytes, Camera, Floats, Ints, Parts, Plan
+from omnilab.cameras import ImageCircle, RayCamera, save_camera
+from omnilab.errors import ConfigError, DataError
+from omnilab.geometry import heading_of, quaternion_xyzw
+from omnilab.trajectory.files import MATRIX, POSITION
+
+ABOUT = "dataset.json"
+LARGEST_FILE = 64 * 2**20  # bytes, of dataset.json
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """The folder of a data set. Frame n is `images/00000n.png`, and `depth/00000n.npy` where the depth is known."""
+
+    folder: Path
+    setting: str = "study.folder"  # that names it
+
+    def image(self, n: int) -> Path:
+        return self.folder / "images" / f"{n:06d}.png"
+
+    def depth(self, n: int) -> Path:
+        return self.folder / "depth" / f"{n:06d}.npy"
+
+    def has(self, n: int) -> bool:
+        """Whether frame n is there, whole: its image is the last to be written."""
+        try:
+            return self.image(n).stat().st_size > 0
+        except FileNotFoundError:
+            return False
+
+    def open(self, contents: Mapping[str, Any]) -> None:
+        """Begin a data set of these contents, or go on with one; DataError if the folder holds anything else."""
+        if self.folder.is_file():
+            raise DataError(f"{self.setting}={self.folder} is a file; give a new folder")
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            begun = (self.folder / ABOUT).exists()
+            if not begun and any(self.folder.iterdir()):
+                raise DataError(f"{self.setting}={self.folder} is neither empty nor a data set; give a new folder")
+            (self.folder / "images").mkdir(exist_ok=True)
+        except OSError as error:
+            raise self._not_written(error) from error
+        if begun:
+            self._check_same(contents)
+        else:
+            self._write_about({**contents, "complete": False})
+
+    def write(self, n: int, pixels: Bytes, depth_m: Floats | None) -> None:
+        """Frame n: pixels (H, W[, 3]) and depth (H, W)."""
+        if depth_m is not None:
+            self.depth(n).parent.mkdir(exist_ok=True)
+            stream = io.BytesIO()
+            np.save(stream, np.asarray(depth_m, np.float32))
+            self._write(self.depth(n), stream.getvalue())
+        self._write(self.image(n), _png(pixels))
+
+    def read(self, n: int) -> Bytes:
+        """The pixels (H, W[, 3]) of frame n."""
+        import cv2
+
+        pixels = cv2.imread(str(self.image(n)), cv2.IMREAD_UNCHANGED)
+        if pixels is None:
+            raise DataError(f"{self.image(n)} is no whole image; delete it and run this again")
+        return np.asarray(pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), np.uint8)
+
+    def write_camera(self, camera: Camera) -> str:
+        """`camera.json` where the camera is calibrated; what there is to say about it."""
+        if not isinstance(camera, RayCamera):
+            return f"a {type(camera).__name__} is not calibrated, so there is no camera.json"
+        try:
+            save_camera(camera, self.folder / "camera.json")
+        except ConfigError as error:
+            return f"there is no camera.json: {error}"
+        except OSError as error:
+            raise self._not_written(error) from error
+        return f"camera.json holds a {type(camera).__name__}"
+
+    def write_poses(self, numbers: Ints, plan: Plan, stamps_ns: Ints, cells: Ints | None) -> None:
+        """`positions.csv` and `poses.tum` of frames (n,) of a plan; stamps and cells (N[, 2]) are those of all of it."""
+        if plan.T_world_camera is None:
+            return
+        poses, keys, stamps = plan.T_world_camera[numbers], [plan.keys[n] for n in numbers], stamps_ns[numbers]
+        columns: dict[str, Sequence[Any]] = {"image": [f"images/{self.image(n).name}" for n in numbers]}
+        columns |= dict(zip(POSITION, poses[:, :3, 3].T.tolist(), strict=True))
+        columns["yaw_deg"] = np.rad2deg(heading_of(poses)).tolist()
+        columns |= dict(zip(MATRIX, poses[:, :3, :3].reshape(-1, 9).T.tolist(), strict=True))
+        columns |= {"stamp_ns": stamps.tolist(), "key": keys}
+        if cells is not None:
+            columns |= {"ix": cells[numbers, 0].tolist(), "iy": cells[numbers, 1].tolist()}
+        self._write(self.folder / "positions.csv", _csv(columns))
+        self._write(self.folder / "poses.tum", "".join(_tum(poses, stamps.tolist())).encode())
+
+    def close(self, contents: Mapping[str, Any], found: Mapping[str, Any]) -> None:
+        """Say that the data set is complete, and what was found on the way."""
+        self._write_about({**contents, "complete": True, "omnilab": version("omnilab"), **found})
+
+    def _check_same(self, contents: Mapping[str, Any]) -> None:
+        try:
+            if (self.folder / ABOUT).stat().st_size > LARGEST_FILE:
+                raise ValueError(f"larger than {LARGEST_FILE >> 20} MiB")
+            there = json.loads((self.folder / ABOUT).read_bytes())
+            there = {key: there[key] for key in contents}
+        except (ValueError, KeyError, TypeError, RecursionError, OSError) as error:
+            raise DataError(
+                f"{self.folder / ABOUT} describes no data set ({type(error).__name__}: {error}); give a new {self.setting}"
+            ) from None
+        old, new = dict(_flat(there)), dict(_flat(json.loads(json.dumps(contents, default=str))))
+        for key in [*old, *new]:
+            if old.get(key) != new.get(key):
+                raise DataError(
+                    f"{self.setting}={self.folder} holds another data set: its {key} is {_short(old.get(key))}, not"
+                    f" {_short(new.get(key))};"
+                    " give a new folder, or the settings it was begun with"
+                )
+
+    def _write_about(self, about: Mapping[str, Any]) -> None:
+        self._write(self.folder / ABOUT, (json.dumps(about, indent=1, default=str) + "\n").encode())
+
+    def _write(self, file: Path, data: bytes) -> None:
+        part = file.with_name(f"{file.name}.part")
+        try:
+            part.write_bytes(data)
+            part.replace(file)
+        except OSError as error:
+            raise self._not_written(error) from error
+
+    def _not_written(self, error: OSError) -> DataError:
+        return DataError(
+            f"{self.setting}={self.folder} cannot be written ({os.strerror(error.errno or 0)}); give another folder,"
+            " or make room"
+        )
+
+
+def contents_of(parts: Parts, plan: Plan, seed: int) -> dict[str, Any]:
+    """What tells one data set from another: the components, and the plan."""
+    digest = hashlib.sha256("\n".join(plan.keys).encode())
+    if plan.T_world_camera is not None:
+        digest.update(np.ascontiguousarray(plan.T_world_camera, float).tobytes())
+    spoilt: dict[str, Any] = {name: component(disturbance) for name, disturbance in parts.disturbances.items()}
+    return {
+        "sensor": component(parts.sensor),
+        "disturbances": {"seed": seed, **spoilt} if spoilt else {},
+        "planned": len(plan),
+        "plan": digest.hexdigest(),
+        "omitted": list(plan.omitted),
+    }
+
+
+def describe_camera(camera: Camera) -> dict[str, Any]:
+    """Size and, where that is all that is known, the circle as the sensor `folder` takes it."""
+    about: dict[str, Any] = {"model": type(camera).__name__, "width": camera.width, "height": camera.height}
+    if isinstance(camera, ImageCircle):
+        ring = camera.circle
+        about |= {"circle_px": [ring.cx, ring.cy, ring.radius, ring.inner], "sky_inside": camera.sky_inside}
+    return about
+
+
+def component(part: Any) -> dict[str, Any]:
+    """Class and settings, by which a component is told from another."""
+    return {"class": f"{type(part).__module__}.{type(part).__qualname__}", **asdict(part)}
+
+
+def _flat(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """The leaves of nested dicts with their paths; an empty dict is a leaf."""
+    if isinstance(value, dict) and value:
+        for key, inner in value.items():
+            yield from _flat(inner, f"{path}.{key}".strip("."))
+    else:
+        yield path, value
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _png(pixels: Bytes) -> bytes:
+    import cv2
+
+    # of rendered images, runs alone are found as well as all that repeats, in a third of the time
+    options = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
+    bgr = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
+    good, data = cv2.imencode(".png", np.ascontiguousarray(bgr), options)
+    if not good:
+        raise DataError(f"an image of shape {pixels.shape} is no picture; a sensor delivers (H, W) or (H, W, 3)")
+    return bytes(data)
+
+
+def _csv(columns: Mapping[str, Sequence[Any]]) -> bytes:
+    """Numbers are written so that they read back bit for bit."""
+    import csv
+
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*columns.values(), strict=True))
+    return stream.getvalue().encode()
+
+
+def _tum(poses: npt.NDArray[Any], stamps_ns: Sequence[int]) -> Iterator[str]:
+    """Lines `t tx ty tz qx qy qz qw`."""
+    values = np.concatenate([poses[:, :3, 3], quaternion_xyzw(poses)], 1).tolist()
+    for stamp, row in zip(stamps_ns, values, strict=True):
+        sign, (seconds, nanos) = "-" * (stamp < 0), divmod(abs(stamp), 10**9)
+        yield f"{sign}{seconds}.{nanos:09d} {' '.join(map(repr, row))}\n"

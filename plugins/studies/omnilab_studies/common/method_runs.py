@@ -1,0 +1,90 @@
+"""Contestants on one map, asked the same queries."""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from omnilab.api import Descriptor, Estimates, Frames, Parts, Places, Plan, Recorder, Signatures
+from omnilab.metrics import spacing
+from omnilab_studies.common.describing import describe, describe_places, fitted
+from omnilab_studies.common.methods import Contestant, contestants, descriptors_of
+from omnilab_studies.common.scores import Scored, known_poses, score
+
+
+class Answered(NamedTuple):
+    """What one contestant answers to a batch of queries."""
+
+    contestant: Contestant
+    signatures: Signatures
+    estimates: Estimates
+    scored: Scored
+
+
+class Cost(NamedTuple):
+    """What a contestant costs: the bytes of a place, and milliseconds to describe and to localise one query."""
+
+    bytes_per_place: float
+    describe_ms: float
+    locate_ms: float
+
+    @property
+    def query_ms(self) -> float:
+        return self.describe_ms + self.locate_ms
+
+
+class Rivals:
+    """Contestants with their maps. Each descriptor describes an image once, whatever distances compare it."""
+
+    def __init__(self, parts: Parts, plan: Plan, record: Recorder) -> None:
+        self.contestants = contestants(parts)
+        self._localizer, self._record = parts.localizer, record
+        self._descriptors: dict[str, Descriptor] = {}
+        self._places: dict[str, Places] = {}
+        self._spent: dict[str, list[float]] = defaultdict(lambda: [0.0, 0.0])  # seconds and queries of each stage
+        for name, descriptor in descriptors_of(self.contestants).items():
+            own = fitted(replace(parts, descriptor=descriptor), plan, record)
+            self._descriptors[name] = own.descriptor
+            self._places[name], _ = describe_places(own, plan, record, f"places, {name}")
+        self._step_m = spacing(known_poses(plan.T_world_camera, "places")[:, :3, 3])
+        self._maps: dict[str, Any] = {
+            c.name: self._localizer.prepare(self._places[c.descriptor_name], c.distance) for c in self.contestants
+        }
+
+    def answers(self, frames: Frames) -> Iterator[Answered]:
+        """What every contestant answers, scored."""
+        yield from self.answers_of(list(self._descriptors), frames)
+
+    def answers_of(self, descriptor_names: list[str], frames: Frames) -> Iterator[Answered]:
+        """The same, of some descriptors alone."""
+        for name in descriptor_names:
+            start = time.perf_counter()
+            signatures = describe(self._descriptors[name], frames, self._record)
+            self._spend(name, start, frames)
+            places_m = known_poses(self._places[name].T_world_camera, "places")[:, :3, 3]
+            for contestant in (c for c in self.contestants if c.descriptor_name == name):
+                start = time.perf_counter()
+                with self._record.timed("localise", len(frames)):
+                    estimates = self._localizer.locate(signatures, self._maps[contestant.name])
+                self._spend(f"locate {contestant.name}", start, frames)
+                yield Answered(contestant, signatures, estimates, score(frames, estimates, places_m, self._step_m))
+
+    def cost(self, contestant: Contestant) -> Cost:
+        """What a contestant cost so far."""
+        places = self._places[contestant.descriptor_name]
+        return Cost(
+            places.signatures.nbytes / len(places),
+            self._each_ms(contestant.descriptor_name),
+            self._each_ms(f"locate {contestant.name}"),
+        )
+
+    def _spend(self, stage: str, start: float, frames: Frames) -> None:
+        self._spent[stage][0] += time.perf_counter() - start
+        self._spent[stage][1] += len(frames)
+
+    def _each_ms(self, stage: str) -> float:
+        seconds, count = self._spent[stage]
+        return 1e3 * seconds / max(count, 1)

@@ -1,0 +1,108 @@
+"""Answers judged as the field reports them, with confidence intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from omnilab.api import Floats, Ints, Metric, Places
+from omnilab.metrics import (
+    VERDICTS,
+    average_precision,
+    bootstrap,
+    precision_recall,
+    recall_at,
+    recall_at_full_precision,
+)
+from omnilab_studies.common.scores import Scored
+
+Statistic = Callable[[Ints], float]  # of the queries with these indices
+SHOWN_RANKS = (1, 5, 10)
+
+
+def judged(scored: Scored, place_count: int, step_m: float, rng: np.random.Generator) -> list[Metric]:
+    """Rates, errors, recall and precision of the answers to queries on a map of so many places, `step_m` apart.
+
+    Each with a 95 % interval by bootstrap over the queries. True places of a query are those within one step. A query
+    that has none is left out of the recalls; accepting an answer to it costs precision.
+    """
+    count = len(scored.place)
+    found = [
+        Metric(name, statistic(np.arange(count)), unit, bootstrap(statistic, count, rng))
+        for name, unit, statistic in _statistics(scored, place_count, step_m)
+    ]
+    without = Metric("queries_without_place", int((~scored.known).sum()), "1")
+    return [*found, Metric("queries", count, "1"), without]
+
+
+def _statistics(scored: Scored, place_count: int, step_m: float) -> Iterator[tuple[str, str, Statistic]]:
+    """Name, unit and definition of each."""
+    for verdict in VERDICTS:
+        yield f"{verdict}_rate", "1", _mean(scored.verdict == verdict)
+    yield from _spread("position_error", scored.error_m, "m")
+    if scored.has_headings:
+        yield from _spread("heading_error", scored.heading_error_deg, "deg")
+    if np.isfinite(step_m):
+        yield "position_error_steps_median", "steps", _median(scored.error_m / step_m)
+        yield "within_step_rate", "1", _mean(scored.error_m <= step_m)
+    for name, n in recalled(scored, place_count).items():
+        yield name, "1", partial(_recall_at, true_ranks(scored), n)
+    yield "average_precision", "1", lambda chosen: average_precision(*curve(scored, chosen))
+    yield "recall_at_full_precision", "1", lambda chosen: recall_at_full_precision(*curve(scored, chosen))
+
+
+def recalled(scored: Scored, place_count: int) -> dict[str, int]:
+    """The recalls that can be told, and how many places each looks at: without all distances, the answer alone."""
+    if not scored.has_ranks:
+        return {"recall_at_1": 1}
+    named = {f"recall_at_{n}": n for n in SHOWN_RANKS if n < place_count}
+    return named | {"recall_at_1_percent": -(-place_count // 100)}
+
+
+def true_ranks(scored: Scored) -> Ints:
+    """The rank (Q,) of the first true place, 0 for a query without one; without all distances, 1 if it is the answer, or 2."""
+    if scored.has_ranks:
+        return scored.true_rank
+    return np.where(scored.known, np.where(scored.correct, 1, 2), 0)
+
+
+def curve(scored: Scored, chosen: Ints | slice = slice(None)) -> tuple[Floats, Floats]:
+    """Precision and recall (K,) of the answers, or some of them, the most certain first."""
+    return precision_recall(scored.distance[chosen], scored.correct[chosen], scored.known[chosen])[:2]
+
+
+def _recall_at(ranks: Ints, n: int, chosen: Ints) -> float:
+    return recall_at(ranks[chosen], n)
+
+
+def _spread(name: str, values: Floats, unit: str) -> Iterator[tuple[str, str, Statistic]]:
+    yield f"{name}_median", unit, _median(values)
+    yield f"{name}_mean", unit, _mean(values)
+    yield f"{name}_p95", unit, lambda chosen: float(np.quantile(values[chosen], 0.95))
+
+
+def _mean(values: Any) -> Statistic:
+    return partial(_of, np.mean, values)
+
+
+def _median(values: Floats) -> Statistic:
+    return partial(_of, np.median, values)
+
+
+def _of(statistic: Callable[[Floats], Any], values: Floats, chosen: Ints) -> float:
+    return float(statistic(values[chosen]))
+
+
+def of_map(places: Places, scored: Scored, omitted: int) -> list[Metric]:
+    """How sharply a map answers, and its size."""
+    found = [Metric("sharpness_mean", float(scored.sharpness.mean()), "1")] if scored.has_ranks else []
+    size = places.signatures.nbytes / len(places)
+    return [
+        *found,
+        Metric("places", len(places), "1"),
+        Metric("left_out", omitted, "1"),
+        Metric("bytes_per_place", size, "B"),
+    ]

@@ -1,0 +1,1 @@
+"""Images for other programs: data sets on disk, pictures from chosen poses."""

@@ -1,0 +1,1 @@
+"""Descriptors and distances compared: cost, robustness, resolution, linearity."""

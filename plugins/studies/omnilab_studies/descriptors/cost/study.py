@@ -1,0 +1,178 @@
+"""What descriptors and distances cost: time and memory, and what one gets for it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from omnilab.api import (
+    GridPoses,
+    Layout,
+    Metric,
+    Parts,
+    PlaceMap,
+    RandomPoses,
+    RecordedPoses,
+    Recorder,
+    Report,
+    Text,
+)
+from omnilab.errors import ConfigError, DataError
+from omnilab.metrics import distances_to, verdicts
+from omnilab_studies.common import charts
+from omnilab_studies.common.describing import deliver, deliver_queries
+from omnilab_studies.common.grids import check_extent, check_step_or_every, grid_poses
+from omnilab_studies.common.methods import (
+    Contestant,
+    contestants,
+    descriptors_of,
+    prepared,
+)
+from omnilab_studies.common.timing import Described, Pictures, clocked
+from omnilab_studies.common.viewer_layouts import comparison
+
+Row = dict[str, Any]
+
+
+@dataclass
+class Cost:
+    """Time and memory of every descriptor and distance (Payá et al., 2016, figures 4-6, table 4).
+
+    Places of a grid and queries are described and compared as `grid` does. Times are those of the process on this
+    machine, averaged over all images or queries, after a warm-up: for the view that the descriptor wants (unwrapping a
+    panorama), for describing it, for making the map ready, and for one query against the map. Beside them stand the
+    bytes a place takes and the rate of answers than which no place lies closer.
+    """
+
+    step_m: float | None = 0.4  # of the grid of places; null: take `every` n-th row and column of a recording
+    every: int | None = None  # 2: even rows and even columns; the rest are the queries
+    query_count: int = 200  # how many random queries, where step_m is given
+    repeats: int = 3  # comparisons of all queries with the map, of which the fastest counts
+    extent_m: list[float] | None = None  # x and y size of the grid; null: all that the sensor covers
+    height_m: float | None = None  # of the viewpoint; null: the sensor's own
+
+    needs: ClassVar[tuple[str, ...]] = ("sensor",)
+    cached: ClassVar[bool] = False  # what comes from a cache tells nothing about a descriptor's time
+
+    def __post_init__(self) -> None:
+        check_step_or_every(self.step_m, self.every)
+        if self.every is not None and self.every < 2:
+            raise ConfigError(f"study.every={self.every} leaves no queries; give 2 or more")
+        if self.query_count < 1:
+            raise ConfigError(f"study.query_count={self.query_count} asks nothing; give 1 or more")
+        if self.repeats < 1:
+            raise ConfigError(f"study.repeats={self.repeats} measures nothing; give 1 or more")
+        check_extent(self.extent_m)
+
+    def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
+        """Take images, describe them by every descriptor, compare by every distance, with a clock at hand."""
+        rivals = contestants(parts)
+        descriptors = descriptors_of(rivals)
+        record.log("", comparison())
+        if scene := parts.sensor.scene():
+            record.log("room", scene)
+
+        # images of places and queries, in every view that is asked for
+        plan, grid = parts.sensor.plan(self._queries(rng)), parts.sensor.plan(self._grid())
+        places = Pictures.of(deliver(parts, grid, record, "places"), descriptors, record)
+        queries = Pictures.of(deliver_queries(parts, plan, record, int(rng.integers(2**32))), descriptors, record)
+        record.log("places", PlaceMap(places.position_m))
+
+        # every descriptor on its own
+        described = {
+            name: Described.by(descriptor, places, queries)
+            for name, descriptor in record.track(descriptors.items(), "describe", len(descriptors), lambda _: 1)
+        }
+
+        # every distance on top
+        rows: list[Row] = []
+        misfits: list[str] = []
+        for rival in record.track(rivals, "compare", len(rivals), lambda _: 1):
+            try:
+                rows.append(self._row(rival, described[rival.descriptor_name], places, queries))
+            except DataError as reason:
+                misfits.append(f"{rival.name}: {reason}")
+        if not rows:
+            raise DataError(f"none of the distances can compare any of the signatures ({misfits[0]}); choose others")
+
+        # what it amounts to
+        omitted = [*grid.omitted, *places.omitted, *plan.omitted, *queries.omitted]
+        table = {name: [row[name] for row in rows] for name in rows[0]}
+        record.log("summary", Text(_summary(table, places, queries), markdown=True))
+        for sentence in [*misfits, *omitted]:
+            record.log("log", Text(f"left out: {sentence}"))
+        return Report(_metrics(rows, places, queries, omitted, misfits), {"times": table}, _figures(rows))
+
+    def _grid(self) -> GridPoses:
+        return grid_poses(self.step_m, self.every, self.extent_m, self.height_m)
+
+    def _queries(self, rng: np.random.Generator) -> Layout:
+        if self.every is not None:
+            return RecordedPoses(without=self._grid())
+        return RandomPoses(self.query_count, int(rng.integers(2**32)), None, self._grid().extent_m, self.height_m)
+
+    def _row(self, rival: Contestant, described: Described, places: Pictures, queries: Pictures) -> Row:
+        """One contestant's line of the table; DataError if the distance cannot compare such signatures."""
+        rival.distance.match(described.queries[slice(1)], prepared(rival, described.places))  # the warm-up
+        index, prepare_s = clocked(lambda: rival.distance.prepare(described.places))
+        runs = [clocked(lambda: rival.distance.match(described.queries, index)) for _ in range(self.repeats)]
+        query_ms = 1e3 * min(seconds for _, seconds in runs) / len(described.queries)
+        answer = runs[0][0].distance.argmin(axis=1)
+        nearest = verdicts(distances_to(queries.position_m, places.position_m), answer) == "nearest"
+        return {
+            "contestant": rival.name,
+            "descriptor": rival.descriptor_name,
+            "parameters": described.settings,
+            "distance": rival.distance_name,
+            "fit_s": described.fit_s,
+            "view_ms": described.view_ms,
+            "describe_ms": described.describe_ms,
+            "prepare_ms": 1e3 * prepare_s,
+            "query_ms": query_ms,
+            "localise_ms": described.view_ms + described.describe_ms + query_ms,
+            "bytes": described.places.nbytes / len(described.places),
+            "nearest_rate": float(nearest.mean()),
+        }
+
+
+def _metrics(
+    rows: Sequence[Row], places: Pictures, queries: Pictures, omitted: Sequence[str], misfits: Sequence[str]
+) -> list[Metric]:
+    """Bytes and rates alone: times are not the same twice."""
+    found = [
+        Metric("nearest_best", max(row["nearest_rate"] for row in rows), "1"),
+        Metric("bytes_least", min(row["bytes"] for row in rows), "B"),
+        Metric("contestants", len(rows), "1"),
+        Metric("misfits", len(misfits), "1"),
+        Metric("places", len(places), "1"),
+        Metric("queries", len(queries), "1"),
+        Metric("left_out", len(omitted), "1"),
+    ]
+    found += [Metric(f"nearest_{_name(row)}", row["nearest_rate"], "1") for row in rows]
+    bytes_of = {row["descriptor"]: row["bytes"] for row in rows}
+    return found + [Metric(f"bytes_{name}", value, "B") for name, value in bytes_of.items()]
+
+
+def _name(row: Row) -> str:
+    return str(row["contestant"]).replace(" + ", "_")
+
+
+def _summary(table: Mapping[str, Sequence[Any]], places: Pictures, queries: Pictures) -> str:
+    title = f"## Cost, {len(places)} places, {len(queries)} queries"
+    hidden = {"contestant", "parameters", "localise_ms"}
+    return "\n".join([title, "", charts.markdown({k: column for k, column in table.items() if k not in hidden})])
+
+
+def _figures(rows: Sequence[Row]) -> dict[str, Any]:
+    shown = ("describe_ms", "query_ms")
+    points = {row["contestant"]: (row["localise_ms"], row["nearest_rate"]) for row in rows}
+    return {
+        "times": charts.bars(
+            {row["contestant"]: {name.removesuffix("_ms"): row[name] for name in shown} for row in rows},
+            "ms an image, ms a query against the map", "Describing, and comparing with the map",
+        ),
+        "pareto": charts.pareto(points, "ms a query: view, description, comparison", "answered the nearest place", "Time against accuracy"),
+    }  # fmt: skip

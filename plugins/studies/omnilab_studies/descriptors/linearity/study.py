@@ -1,0 +1,247 @@
+"""Study G: does the distance between images grow like the distance between the places?"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from omnilab.api import (
+    GridPoses,
+    Ints,
+    Metric,
+    Parts,
+    PathPoses,
+    PlaceMap,
+    Plan,
+    Recorder,
+    Report,
+    Series,
+    Signatures,
+    Text,
+    Tick,
+)
+from omnilab.errors import ConfigError, DataError
+from omnilab.geometry import planar_poses
+from omnilab_studies.common import charts
+from omnilab_studies.common.describing import deliver, show_picture
+from omnilab_studies.common.grids import check_extent, grid_poses
+from omnilab_studies.common.methods import (
+    Contestant,
+    contestants,
+    describe_all,
+    descriptors_of,
+    fitted_all,
+    joined_signatures,
+    prepared,
+    settings_of,
+)
+from omnilab_studies.common.scores import known_poses
+from omnilab_studies.common.viewer_layouts import comparison
+from omnilab_studies.descriptors.linearity.curves import Curve, lines_on_grid
+
+Table = Mapping[str, Sequence[Any]]
+
+
+@dataclass
+class Linearity:
+    """Study G: image distance against metric distance, for every descriptor with every distance.
+
+    From reference places on a grid, straight lines along its rows and columns: mean and variance over the lines of the
+    distance between the images at each metric distance, the line through the origin that fits the mean best, and how
+    far the mean rises (Payá et al., 2016, 4.3, figures 7-11, table 4; Berenguer, thesis, figures 4.4, 4.5). Lines that
+    meet furniture or the grid's edge are left out whole. All images have the same heading, as in the papers.
+    """
+
+    step_m: float = 0.1  # of the grid
+    reach_m: float = 2.2  # length of the lines
+    references: int = 24  # places that lines start from, drawn at random; each has one to four lines
+    every: int | None = None  # of a recording, whose every n-th row and column are step_m apart
+    random_headings: bool = False  # turn the camera at every place; only for sensors that image any pose
+    extent_m: list[float] | None = None  # x and y size of the grid; null: all that the sensor covers
+    height_m: float | None = None  # of the viewpoint; null: the sensor's own
+    show: int = 50  # images that go into the logs
+
+    needs: ClassVar[tuple[str, ...]] = ("sensor",)
+
+    def __post_init__(self) -> None:
+        if not 0 < self.step_m <= self.reach_m / 3:
+            raise ConfigError(
+                f"study.step_m={self.step_m} makes no curve over study.reach_m={self.reach_m}; give a step above 0 m, and"
+                " at least 3 steps"
+            )
+        if self.every is not None and self.every < 1:
+            raise ConfigError(f"study.every={self.every} takes no rows; give 1 or more")
+        if self.references < 1:
+            raise ConfigError(f"study.references={self.references} compares nothing; give 1 or more")
+        if self.show < 0:
+            raise ConfigError(f"study.show={self.show} shows nothing; give 0 for no pictures, or how many")
+        check_extent(self.extent_m)
+
+    def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
+        """Draw lines, describe their images, compare the first image of each with the others, fit."""
+        if parts.disturbances:
+            raise ConfigError("linearity has no queries to disturb; leave disturbance out")
+        record.log("", comparison(list(descriptors_of(contestants(parts)))))
+        if scene := parts.sensor.scene():
+            record.log("room", scene)
+
+        # the lines, and the images they are made of
+        grid = parts.sensor.plan(self._grid())
+        position_m = known_poses(grid.T_world_camera, "images")[:, :3, 3]
+        lines = lines_on_grid(position_m, self.step_m, self.reach_m, self.references, rng)
+        nodes = np.unique(lines)
+        plan = self._turned(grid.at(nodes), parts, rng)
+        record.log("places", PlaceMap(position_m[nodes]))
+
+        # every image described by every descriptor
+        parts = fitted_all(parts, plan, record)
+        rivals = contestants(parts)
+        signatures, delivered, omitted = self._describe(parts, rivals, plan, record)
+        omitted = [*grid.omitted, *omitted]
+        lines = _complete(np.searchsorted(nodes, lines), delivered)
+
+        # the curve of every contestant
+        curves: dict[str, Curve] = {}
+        misfits: list[str] = []
+        for rival in record.track(rivals, "compare", len(rivals), lambda _: 1):
+            try:
+                curves[rival.name] = self._curve(rival, signatures[rival.descriptor_name], lines, record)
+                _log(record, rival.name, curves[rival.name])
+            except DataError as reason:
+                misfits.append(f"{rival.name}: {reason}")
+        if not curves:
+            raise DataError(f"none of the distances can compare any of the signatures ({misfits[0]}); choose others")
+
+        # what it amounts to
+        table = _table([rival for rival in rivals if rival.name in curves], curves, signatures)
+        metrics = _metrics(curves, lines, omitted, misfits)
+        record.log("summary", Text(_summary(table, lines), markdown=True))
+        for sentence in [*misfits, *omitted]:
+            record.log("log", Text(f"left out: {sentence}"))
+        return Report(metrics, {"linearity": table, "curves": _points(curves)}, _figures(rivals, curves, table))
+
+    def _grid(self) -> GridPoses:
+        return grid_poses(self.step_m if self.every is None else None, self.every, self.extent_m, self.height_m)
+
+    def _turned(self, plan: Plan, parts: Parts, rng: np.random.Generator) -> Plan:
+        if not self.random_headings:
+            return plan
+        position_m = known_poses(plan.T_world_camera, "images")[:, :3, 3]
+        return parts.sensor.plan(PathPoses(planar_poses(position_m, rng.uniform(-np.pi, np.pi, len(plan)))))
+
+    def _describe(
+        self, parts: Parts, rivals: Sequence[Contestant], plan: Plan, record: Recorder
+    ) -> tuple[dict[str, Signatures], Ints, list[str]]:
+        """Signatures by descriptor, which frames of the plan they are of, and what could not be delivered."""
+        batches: dict[str, list[Signatures]] = {name: [] for name in descriptors_of(rivals)}
+        delivered: list[Ints] = []
+        omitted: list[str] = []
+        every = max(1, -(-len(plan) // self.show)) if self.show > 0 else len(plan) + 1
+        for frames in deliver(parts, plan, record, "images"):
+            for name, described in describe_all(rivals, frames, record).items():
+                batches[name].append(described)
+            delivered.append(frames.plan_index)
+            omitted += frames.omitted
+            for i in np.flatnonzero((frames.plan_index + 1) % every == 0):
+                show_picture(record, frames, int(i), Tick(int(frames.plan_index[i]), int(frames.stamps_ns[i])))
+        if not delivered:
+            raise DataError("the sensor delivered no images for the study's lines; look at what it left out")
+        return {name: joined_signatures(b) for name, b in batches.items()}, np.concatenate(delivered), omitted
+
+    def _curve(self, rival: Contestant, signatures: Signatures, lines: Ints, record: Recorder) -> Curve:
+        """Mean and variance over the lines (A, n + 1); DataError if the distance cannot compare such signatures."""
+        references, row = np.unique(lines[:, 0], return_inverse=True)
+        index = prepared(rival, signatures)
+        with record.timed("compare", len(references) * len(signatures)):
+            field = rival.distance.match(signatures[references], index).distance
+        values = field[row[:, None], lines[:, 1:]].astype(np.float64)
+        return Curve(np.round(self.step_m * np.arange(1, lines.shape[1]), 9), values.mean(axis=0), values.var(axis=0))
+
+
+def _complete(lines: Ints, delivered: Ints) -> Ints:
+    """The lines all of whose images were delivered, as indices into those."""
+    whole = lines[np.isin(lines, delivered).all(axis=1)]
+    if len(whole) == 0:
+        raise DataError(
+            "every line misses an image that could not be read; mend the recording, or give more study.references"
+        )
+    return np.searchsorted(delivered, whole)
+
+
+def _log(record: Recorder, name: str, curve: Curve) -> None:
+    """The mean curve, relative to its highest value, with centimetres as steps."""
+    centimetres = np.round(100 * curve.distance_m).astype(int)
+    path = f"curves/{name.replace(' + ', '/')}"
+    record.log(path, Series(curve.relative, centimetres, 10_000_000 * centimetres, "1"))
+
+
+def _table(rivals: Sequence[Contestant], curves: Mapping[str, Curve], signatures: Mapping[str, Signatures]) -> Table:
+    """One row per contestant, as table 4 of Payá et al. (2016)."""
+    found = [curves[rival.name] for rival in rivals]
+    described = [signatures[rival.descriptor_name] for rival in rivals]
+    return {
+        "descriptor": [rival.descriptor_name for rival in rivals],
+        "parameters": [settings_of(rival.descriptor) for rival in rivals],
+        "distance": [rival.distance_name for rival in rivals],
+        "slope_per_m": [curve.slope for curve in found],
+        "r2_centred": [curve.r2_centred for curve in found],
+        "r2_origin": [curve.r2_origin for curve in found],
+        "monotone_m": [curve.monotone_m for curve in found],
+        "spread": [curve.spread for curve in found],
+        "bytes": [d.nbytes / len(d) for d in described],
+        "place_bytes": [d.place.nbytes / len(d) for d in described],
+    }
+
+
+def _points(curves: Mapping[str, Curve]) -> Table:
+    """Every point of every curve."""
+    rows = [
+        (name, *point)
+        for name, curve in curves.items()
+        for point in zip(curve.distance_m.tolist(), curve.mean.tolist(), curve.variance.tolist(), strict=True)
+    ]
+    columns = list(zip(*rows, strict=True))
+    return dict(zip(("contestant", "distance_m", "mean", "variance"), columns, strict=True))
+
+
+def _metrics(curves: Mapping[str, Curve], lines: Ints, omitted: list[str], misfits: list[str]) -> list[Metric]:
+    best = max(curves.values(), key=lambda curve: curve.r2_centred)
+    return [
+        Metric("r2_best", best.r2_centred, "1"),
+        Metric("monotone_best_m", max(curve.monotone_m for curve in curves.values()), "m"),
+        Metric("contestants", len(curves), "1"),
+        Metric("misfits", len(misfits), "1"),
+        Metric("lines", len(lines), "1"),
+        Metric("references", len(np.unique(lines[:, 0])), "1"),
+        Metric("images", len(np.unique(lines)), "1"),
+        Metric("left_out", len(omitted), "1"),
+        *(Metric(f"r2_{name.replace(' + ', '_')}", curve.r2_centred, "1") for name, curve in curves.items()),
+    ]
+
+
+def _summary(table: Table, lines: Ints) -> str:
+    """The best first."""
+    shown = ("descriptor", "distance", "slope_per_m", "r2_centred", "r2_origin", "monotone_m", "bytes")
+    order = np.argsort(table["r2_centred"])[::-1]
+    title = f"## Image distance against metric distance, {len(lines)} lines"
+    return "\n".join([title, "", charts.markdown({name: [table[name][i] for i in order] for name in shown})])
+
+
+def _figures(rivals: Sequence[Contestant], curves: Mapping[str, Curve], table: Table) -> dict[str, Any]:
+    groups: dict[str, dict[str, Curve]] = {name: {} for name in descriptors_of(rivals)}
+    for rival in rivals:
+        if rival.name in curves:
+            groups[rival.descriptor_name][rival.distance_name] = curves[rival.name]
+    groups = {name: of for name, of in groups.items() if of}
+    bytes_of = dict(zip(table["descriptor"], table["place_bytes"], strict=True))
+    best = {name: max(of, key=lambda distance: of[distance].r2_centred) for name, of in groups.items()}
+    points = {f"{name} + {d}": (bytes_of[name], groups[name][d].r2_centred) for name, d in best.items()}
+    return {
+        "curves": charts.curves(groups),
+        "pareto": charts.pareto(
+            points, "bytes that tell the place", "r² (centred)", "Each descriptor with its best distance"
+        ),
+    }

@@ -1,0 +1,209 @@
+"""Study E: how small a descriptor may be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from omnilab.api import (
+    Answers,
+    Metric,
+    Parts,
+    PathPoses,
+    PlaceMap,
+    Recorder,
+    Report,
+    Series,
+    Text,
+    Tick,
+)
+from omnilab.errors import ConfigError, did_you_mean
+from omnilab.metrics import VERDICTS
+from omnilab_studies.common.describing import deliver, show_signature
+from omnilab_studies.common.free_area import check_square, free_square, headed, positions_within
+from omnilab_studies.common.method_runs import Cost, Rivals
+from omnilab_studies.common.methods import Contestant
+from omnilab_studies.common.scores import Scored, joined
+from omnilab_studies.common.viewer_layouts import SIZES
+from omnilab_studies.descriptors.resolution import figures
+
+ANY, ON_GRID = "any", "on_grid"  # headings
+POINT = 0.01  # of the rate: so much less than the largest size counts as the same
+SIZE_NS = 100_000_000  # between two sizes, in the logs
+THESIS = [[709, 360], [355, 180], [173, 180], [173, 90], [173, 45], [87, 90], [87, 45], [43, 45], [22, 6]]
+
+Row = dict[str, Any]
+
+
+@dataclass
+class Resolution:
+    """Study E: a descriptor in several sizes, against success and time (Berenguer, thesis, 4.6.5, figure 4.22).
+
+    `side` x `side` places and queries at the same positions for all sizes, once with headings on the angle grid of each
+    size, where a turn shifts its samples by whole ones, and once with any heading. The first size is the one that others
+    are held against; `smallest` is the size with fewest numbers whose rate of nearest answers is at most one point below.
+    """
+
+    side: int = 8  # places along x and along y
+    step_m: float = 0.2  # between places
+    center_m: list[float] = field(default_factory=lambda: [0.0, 0.0])  # the map is the free square nearest to it
+    query_count: int = 500  # queries of each kind of headings, evenly over the map's area
+    height_m: float | None = None  # of the viewpoint; null: the sensor's own
+    settings: list[str] = field(default_factory=lambda: ["offsets", "angles"])  # two of the descriptor; angles last
+    sizes: list[list[int]] = field(default_factory=lambda: [list(size) for size in THESIS])  # values, largest first
+
+    needs: ClassVar[tuple[str, ...]] = ("sensor", "descriptor", "distance", "localizer")
+    cached: ClassVar[bool] = False  # it measures time
+
+    def __post_init__(self) -> None:
+        check_square(self.side, self.step_m, self.center_m, self.query_count)
+        if len(self.settings) != 2:
+            raise ConfigError(f"study.settings={self.settings} are not two; give such as [offsets, angles]")
+        if not self.sizes or any(len(size) != 2 or min(size) < 1 for size in self.sizes):
+            raise ConfigError(f"study.sizes={self.sizes} are no sizes; give a list of [{', '.join(self.settings)}]")
+        if len({tuple(size) for size in self.sizes}) < len(self.sizes):
+            raise ConfigError(f"study.sizes={self.sizes} has a size twice; give each once")
+
+    def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
+        """Describe the map in every size, ask with both kinds of headings, score."""
+        record.log("", SIZES)
+        if scene := parts.sensor.scene():
+            record.log("room", scene)
+        sizes = self._sized(parts.descriptor)
+        distances = parts.distances or {"distance": parts.distance}
+
+        # the map: described in every size
+        grid = free_square(parts.sensor, self.side, self.step_m, self.center_m, self.height_m)
+        assert grid.T_world_camera is not None
+        record.log("places", PlaceMap(grid.T_world_camera[:, :3, 3]))
+        rivals = Rivals(replace(parts, descriptors=sizes, distances=distances), grid, record)
+
+        # the queries: the same positions with any heading, and with the headings of each angle grid
+        at, share = positions_within(grid, self.query_count, rng), rng.random(self.query_count)
+        answered: dict[tuple[str, str], Scored] = {}  # of a contestant, for a kind of headings
+        answered |= self._ask(parts, rivals, list(sizes), headed(at, share), ANY, "queries, any heading", record)
+        first = next(iter(answered.values()))
+        record.log("answers", Answers(first.truth_m, first.answer_m, list(first.verdict)))
+        for angles in dict.fromkeys(size[1] for size in self.sizes):
+            names = [name for name, size in zip(sizes, self.sizes, strict=True) if size[1] == angles]
+            answered |= self._ask(
+                parts, rivals, names, headed(at, share, angles), ON_GRID, f"queries, {angles} headings", record
+            )
+
+        # what it amounts to
+        rows = self._rows(rivals, distances, answered)
+        for curve, own in _curves(rows).items():
+            steps = np.arange(len(own))
+            values = np.array([row["nearest_rate"] for row in own])
+            record.log("nearest/" + "_".join(curve), Series(values, steps, SIZE_NS * steps, "1"))
+        record.log("summary", Text(_markdown(rows), markdown=True))
+        drawn = {"resolution": figures.resolution(_curves(rows)), "pareto": figures.pareto(_curves(rows))}
+        return Report(
+            _metrics(rows, self.settings), {"resolution": {key: [row[key] for row in rows] for key in rows[0]}}, drawn
+        )
+
+    def _sized(self, descriptor: Any) -> dict[str, Any]:
+        """The descriptor in every size."""
+        known = [f.name for f in fields(descriptor)]
+        for setting in self.settings:
+            if setting not in known:
+                raise ConfigError(
+                    f"study.settings names '{setting}', which is no setting of {type(descriptor).__name__};"
+                    f" there is {', '.join(known)}{did_you_mean(setting, known)}"
+                )
+        sizes = (dict(zip(self.settings, size, strict=True)) for size in self.sizes)
+        return {" x ".join(str(v) for v in size.values()): replace(descriptor, **size) for size in sizes}
+
+    def _ask(
+        self,
+        parts: Parts,
+        rivals: Rivals,
+        names: list[str],
+        poses: PathPoses,
+        headings: str,
+        stage: str,
+        record: Recorder,
+    ) -> dict[tuple[str, str], Scored]:
+        """The answers of some sizes to queries, by contestant."""
+        found: dict[tuple[str, str], list[Scored]] = {}
+        for frames in deliver(parts, parts.sensor.plan(poses), record, stage):
+            for answered in rivals.answers_of(names, frames):
+                found.setdefault((answered.contestant.name, headings), []).append(answered.scored)
+                if headings == ANY and 0 in frames.plan_index:
+                    step = names.index(answered.contestant.descriptor_name)
+                    show_signature(record, answered.signatures.place[0], Tick(step, SIZE_NS * step))
+        return {key: joined(batches) for key, batches in found.items()}
+
+    def _rows(
+        self, rivals: Rivals, distances: Mapping[str, Any], answered: Mapping[tuple[str, str], Scored]
+    ) -> list[Row]:
+        """One row a distance, kind of headings and size."""
+        return [
+            self._row(contestant, name, headings, rivals.cost(contestant), answered[contestant.name, headings])
+            for name, distance in distances.items()
+            for headings in (ON_GRID, ANY)
+            for contestant in rivals.contestants
+            if contestant.distance is distance
+        ]
+
+    def _row(self, contestant: Contestant, distance: str, headings: str, cost: Cost, scored: Scored) -> Row:
+        size = {setting: getattr(contestant.descriptor, setting) for setting in self.settings}
+        told = scored.heading_error_deg
+        return {
+            "size": " x ".join(str(value) for value in size.values()),
+            **size,
+            "numbers": int(np.prod(list(size.values()))),
+            "distance": distance,
+            "headings": headings,
+            "queries": len(scored.verdict),
+            **{f"{verdict}_rate": float(np.mean(scored.verdict == verdict)) for verdict in VERDICTS},
+            "heading_error_median_deg": float(np.median(told)),
+            "heading_error_p95_deg": float(np.quantile(told, 0.95)),
+            **cost._asdict(),
+        }
+
+
+def _curves(rows: Sequence[Row]) -> dict[tuple[str, str], list[Row]]:
+    """The rows of each distance and kind of headings, a size each."""
+    found: dict[tuple[str, str], list[Row]] = {}
+    for row in rows:
+        found.setdefault((row["distance"], row["headings"]), []).append(row)
+    return found
+
+
+def smallest(rows: Sequence[Row]) -> Row:
+    """The row with fewest numbers whose rate of nearest answers is at most one point below that of the first."""
+    enough = [row for row in rows if row["nearest_rate"] >= rows[0]["nearest_rate"] - POINT - 1e-9]
+    return min(enough, key=lambda row: int(row["numbers"]))
+
+
+def _metrics(rows: Sequence[Row], settings: Sequence[str]) -> list[Metric]:
+    """The smallest sizes that do first, then the rates of all."""
+    found = []
+    for curve, own in _curves(rows).items():
+        found += [Metric(f"smallest_{setting}_{'_'.join(curve)}", smallest(own)[setting], "1") for setting in settings]
+    for row in rows:
+        key = f"{row['size'].replace(' ', '')}_{row['distance']}_{row['headings']}"
+        found.append(Metric(f"nearest_rate_{key}", row["nearest_rate"], "1"))
+        if np.isfinite(row["heading_error_median_deg"]):
+            found.append(Metric(f"heading_error_median_{key}", row["heading_error_median_deg"], "deg"))
+    return found
+
+
+def _markdown(rows: Sequence[Row]) -> str:
+    """Rates by size, the smallest that does in bold, and what a size costs."""
+    curves = _curves(rows)
+    titles = [f"{distance}, {headings.replace('_', ' ')}" for distance, headings in curves]
+    lines = ["## Resolution", "", "nearest answers; bold: the smallest size within one point of the first", ""]
+    lines += [f"| size | {' | '.join(titles)} | KiB | describe, ms |", "|---" * (len(titles) + 3) + "|"]
+    for of_size in zip(*curves.values(), strict=True):
+        cells = []
+        for row, own in zip(of_size, curves.values(), strict=True):
+            rate = f"{row['nearest_rate']:.3f}"
+            cells.append(f"**{rate}**" if row is smallest(own) else rate)
+        cost = f"{of_size[0]['bytes_per_place'] / 1024:.3g} | {of_size[0]['describe_ms']:.3g}"
+        lines.append(f"| {of_size[0]['size']} | {' | '.join(cells)} | {cost} |")
+    return "\n".join(lines)

@@ -1,0 +1,1 @@
+"""The study `local_map`."""

@@ -1,0 +1,1 @@
+"""The study `topological_map`."""

@@ -1,0 +1,168 @@
+"""Maps of whole grids: how far they are from the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from omnilab.api import Arrangement, Floats, Ints, Metric
+from omnilab.errors import DataError
+from omnilab.geometry import Similarity, procrustes
+from omnilab_studies.common import charts
+
+Table = Mapping[str, Sequence[Any]]
+ON_NODE = 0.1  # steps that a neighbour may be off its node
+NEIGHBOURS = 4  # of a node of a grid
+
+
+class WholeCase(NamedTuple):
+    """What a map is of, and how it was made."""
+
+    step_m: float
+    contestant: str
+    links: int  # most alike images whose distances count; 0: all distances do
+    localizer: str
+
+
+@dataclass(frozen=True)
+class WholeMap:
+    """A map of n images, fitted to where they were taken."""
+
+    case: WholeCase
+    position_m: Floats  # (n, 3) the truth
+    length: Floats  # (n, n) the distances that the map was made of
+    made: Arrangement
+    seconds: float  # to arrange it
+
+    @cached_property
+    def fit(self) -> Similarity:
+        return procrustes(self.made.position[0], self.position_m[:, :2])
+
+    @cached_property
+    def found_m(self) -> Floats:
+        """Where the map has the images, (n, 2)."""
+        return self.fit.apply(self.made.position[0])
+
+    @property
+    def rms_m(self) -> float:
+        """Root mean square of the residuals."""
+        return float(np.sqrt(np.mean(np.sum((self.found_m - self.position_m[:, :2]) ** 2, axis=1))))
+
+    @property
+    def rms_steps(self) -> float:
+        return self.rms_m / self.case.step_m
+
+    @cached_property
+    def kept(self) -> float:
+        """Share of the true grid neighbours that are among the four nearest in the map."""
+        apart = np.linalg.norm(self.found_m[:, None] - self.found_m, axis=-1)
+        np.fill_diagonal(apart, np.inf)
+        nearest = np.argsort(apart, axis=1, kind="stable")[:, :NEIGHBOURS]
+        ends = grid_edges(self.position_m, self.case.step_m)
+        both = np.concatenate([ends, ends[:, ::-1]])
+        return float((nearest[both[:, 0]] == both[:, 1:]).any(axis=1).mean()) if len(both) else float("nan")
+
+    @property
+    def way(self) -> str:
+        """How it was made."""
+        return f"{self.case.localizer}, {f'{self.case.links} links' if self.case.links else 'all distances'}"
+
+    @property
+    def title(self) -> str:
+        return f"{self.case.contestant}, {self.way}, step {self.case.step_m:g} m: RMS {self.rms_steps:.2f} steps"
+
+
+def grid_edges(position_m: Floats, step_m: float) -> Ints:
+    """The pairs (E, 2) of positions (n, 3) that are one step apart."""
+    apart = np.linalg.norm(position_m[:, None] - position_m, axis=-1)
+    return np.argwhere(np.triu(np.abs(apart - step_m) < ON_NODE * step_m, 1))
+
+
+def geodesic(length: Floats, links: int) -> Floats:
+    """Shortest paths (n, n) along each point's links to its `links` nearest (Isomap: Tenenbaum et al., 2000).
+
+    DataError if the links leave the points in several parts.
+    """
+    others = np.where(np.eye(len(length), dtype=bool), np.inf, length)
+    farthest = np.sort(others, axis=1)[:, min(links, len(length) - 1) - 1]
+    linked = (others <= farthest[:, None]) | (others <= farthest)
+    paths = np.where(linked, length, np.inf)
+    np.fill_diagonal(paths, 0)
+    for k in range(len(length)):  # Floyd and Warshall
+        np.minimum(paths, paths[:, k, None] + paths[k], out=paths)
+    if not np.isfinite(paths).all():
+        raise DataError("so few links leave the images in parts; give more in study.links")
+    return paths
+
+
+def best_of_each(maps: Sequence[WholeMap]) -> list[WholeMap]:
+    """The best map of every step and contestant."""
+    groups = dict.fromkeys(one.case[:2] for one in maps)
+    return [min((one for one in maps if one.case[:2] == group), key=lambda one: one.rms_m) for group in groups]
+
+
+def table_of(maps: Sequence[WholeMap]) -> Table:
+    """One row a map."""
+    return {
+        **_cases(maps),
+        "nodes": [len(one.position_m) for one in maps],
+        "rms_m": [one.rms_m for one in maps],
+        "rms_steps": [one.rms_steps for one in maps],
+        "neighbours_kept": [one.kept for one in maps],
+        "stress": [float(one.made.stress[0]) for one in maps],
+        "iterations": [int(one.made.iterations[0]) for one in maps],
+    }
+
+
+def times_of(maps: Sequence[WholeMap]) -> Table:
+    """What arranging each map cost, with the states on the way that are kept, on whatever else the machine did."""
+    return {**_cases(maps), "nodes": [len(one.position_m) for one in maps], "arrange_s": [one.seconds for one in maps]}
+
+
+def _cases(maps: Sequence[WholeMap]) -> dict[str, list[Any]]:
+    return {name: [getattr(one.case, name) for one in maps] for name in WholeCase._fields}
+
+
+def metrics_of(maps: Sequence[WholeMap], left_out: int) -> list[Metric]:
+    """The best map of the first step, the best of each step, and every map of the first step."""
+    first = [one for one in maps if one.case.step_m == maps[0].case.step_m]
+    best = min(first, key=lambda one: one.rms_m)
+    steps = dict.fromkeys(one.case.step_m for one in maps)
+    return [
+        Metric("best_rms_steps", best.rms_steps, "1"),
+        Metric("best_rms", best.rms_m, "m"),
+        Metric("best_neighbours_kept", best.kept, "1"),
+        *(
+            Metric(f"best_rms_steps_at_{s:g}_m", min(one.rms_steps for one in maps if one.case.step_m == s), "1")
+            for s in steps
+        ),
+        *(
+            Metric(f"rms_steps_{_key(one.case)}", one.rms_steps, "1")
+            for one in sorted(first, key=lambda one: one.rms_m)
+        ),
+        Metric("nodes", len(best.position_m), "1"),
+        Metric("maps", len(maps), "1"),
+        Metric("left_out", left_out, "1"),
+    ]
+
+
+def _key(case: WholeCase) -> str:
+    return f"{case.contestant.replace(' + ', '_')}_{case.links or 'all'}_{case.localizer}"
+
+
+def summary_of(maps: Sequence[WholeMap]) -> str:
+    """All maps as Markdown, the best of each step first."""
+    shown = ("contestant", "links", "localizer", "rms_steps", "rms_m", "neighbours_kept", "stress", "iterations")
+    parts = ["## Topological maps"]
+    for step_m in dict.fromkeys(one.case.step_m for one in maps):
+        ranking = sorted((one for one in maps if one.case.step_m == step_m), key=lambda one: one.rms_m)
+        table = table_of(ranking)
+        parts += [
+            f"### {step_m:g} m, {len(ranking[0].position_m)} images",
+            charts.markdown({name: table[name] for name in shown}),
+        ]
+    return "\n\n".join(parts)

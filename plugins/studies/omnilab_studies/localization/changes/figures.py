@@ -1,0 +1,56 @@
+"""Figures of the study `changes`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from omnilab.api import Bytes
+from omnilab.metrics import VERDICTS
+from omnilab_studies.common.plots import COLORS
+from omnilab_studies.common.plots import _figure as blank
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def rates(rows: Sequence[Mapping[str, Any]]) -> Figure:
+    """Nearest, second and wrong answers in every condition, a panel a contestant (thesis, figure 4.18)."""
+    names = list(dict.fromkeys(row["contestant"] for row in rows))
+    conditions = list(dict.fromkeys(row["condition"] for row in rows))
+    figure = blank(1.6 + 0.75 * len(conditions) * len(names), 4.2)
+    for axes, name in zip(figure.subplots(1, len(names), squeeze=False, sharey=True)[0], names, strict=True):
+        own = [row for row in rows if row["contestant"] == name]
+        under = np.zeros(len(own))
+        for verdict in VERDICTS:
+            share = 100 * np.array([row[f"{verdict}_rate"] for row in own])
+            axes.bar(range(len(own)), share, 0.72, under, color=COLORS[verdict], label=verdict)
+            under += share
+        for x, row in enumerate(own):
+            low, high = 100 * row["nearest_low"], 100 * row["nearest_high"]
+            axes.plot([x, x], [low, high], color="black", linewidth=1)
+            axes.text(
+                x, 100 * row["nearest_rate"] / 2, f"{100 * row['nearest_rate']:.0f} %", ha="center", color="white"
+            )
+        axes.set_xticks(range(len(own)), [row["condition"] for row in own], rotation=30, ha="right")
+        axes.set(ylim=(0, 100), title=name.replace("_", " "))
+        axes.spines[["top", "right"]].set_visible(False)
+    figure.axes[0].set_ylabel("queries [%]")
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
+    return figure
+
+
+def pictures(shown: Mapping[str, Bytes]) -> Figure:
+    """The first query of every condition."""
+    columns = min(5, len(shown))
+    rows = -(-len(shown) // columns)
+    figure = blank(2.4 * columns, 2.6 * rows)
+    grid = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes in grid:
+        axes.set_axis_off()
+    for axes, (name, picture) in zip(grid, shown.items(), strict=False):
+        axes.imshow(picture, cmap="gray", vmin=0, vmax=255)
+        axes.set_title(name, fontsize=10)
+    return figure

@@ -1,0 +1,204 @@
+"""Study C: a map from one day, queries from others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from omnilab.api import (
+    Answers,
+    Bytes,
+    Layout,
+    Metric,
+    Parts,
+    PlaceMap,
+    Plan,
+    RandomPoses,
+    RecordedPoses,
+    Recorder,
+    Report,
+    Sensor,
+    Series,
+    Text,
+    Tick,
+)
+from omnilab.errors import ConfigError
+from omnilab.metrics import VERDICTS, bootstrap
+from omnilab_studies.common.charts import markdown
+from omnilab_studies.common.comparison import columns_of, key_of
+from omnilab_studies.common.describing import deliver_queries, show_picture
+from omnilab_studies.common.grids import check_extent, check_step_or_every, grid_poses
+from omnilab_studies.common.localization_run import estimate_of
+from omnilab_studies.common.method_runs import Rivals
+from omnilab_studies.common.pose_sources import Source, changed
+from omnilab_studies.common.scores import Scored, joined, known_poses
+from omnilab_studies.common.viewer_layouts import CONDITIONS
+from omnilab_studies.localization.changes import figures
+
+UNCHANGED = "unchanged"
+CONDITION_NS = 100_000_000  # between two conditions, in the logs
+
+
+@dataclass
+class Changes:
+    """Study C: light and things change after the map was made (Berenguer, thesis, 4.6.3, fig. 4.18).
+
+    Places from the sensor as it is; queries from it with other settings, a condition each: a variant of the virtual world
+    (`{evening: {variant: evening}}`), or another folder (`{chairs: {path: DIR/chairs}}`). Random queries are at the same
+    poses in every condition, but for those where something now stands, and asked of the unchanged world too; recorded
+    ones are drawn from each folder. An answer is `nearest`, `second` or `wrong` as in the grid study; each rate with its
+    95 % interval.
+    """
+
+    conditions: dict[str, dict[str, Any]] = field(default_factory=dict)  # name: {setting of the sensor: value}
+    step_m: float | None = 0.2  # of the grid of places; null: take `every` n-th row and column of a recording
+    every: int | None = None  # 1: all that was recorded
+    extent_m: list[float] | None = None  # x and y size of the grid; null: all that the sensor covers
+    height_m: float | None = None  # of the viewpoint; null: the sensor's own
+    queries: Source = Source.random  # or recorded
+    query_count: int = 200  # of each condition
+    heading_step_deg: float | None = None  # random headings are multiples of it; null: any heading
+
+    needs: ClassVar[tuple[str, ...]] = ("sensor", "localizer")
+
+    def __post_init__(self) -> None:
+        check_step_or_every(self.step_m, self.every)
+        check_extent(self.extent_m)
+        if self.query_count < 1:
+            raise ConfigError(f"study.query_count={self.query_count} asks nothing; give 1 or more")
+        if self.queries not in (Source.random, Source.recorded):
+            raise ConfigError(f"study.queries={self.queries.value} is not asked here; give random or recorded")
+
+    def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
+        """Map, change, localise, score."""
+        if not self.conditions:
+            raise ConfigError("study.conditions is empty, so nothing changes; give {NAME: {SETTING: VALUE}}, such as"
+                              " {evening: {variant: evening}}")  # fmt: skip
+        record.log("", CONDITIONS)
+        if scene := parts.sensor.scene():
+            record.log("room", scene)
+        seed, spoil = (int(n) for n in rng.integers(2**32, size=2))
+        sensors = self._sensors(parts.sensor)
+        plans = {name: self._plan(sensor, seed, i) for i, (name, sensor) in enumerate(sensors.items())}
+        grid = parts.sensor.plan(grid_poses(self.step_m, self.every, self.extent_m, self.height_m))
+        rivals = Rivals(parts, grid, record)
+        record.log("places", PlaceMap(known_poses(grid.T_world_camera, "places")[:, :3, 3]))
+
+        answers: dict[tuple[str, str], Scored] = {}  # of a contestant, in a condition
+        pictures: dict[str, Bytes] = {}
+        omitted = list(grid.omitted)
+        for step, (name, sensor) in enumerate(sensors.items()):
+            asked, pictures[name], left_out = self._ask(rivals, parts, sensor, plans[name], record, spoil, step)
+            answers |= {(contestant, name): scored for contestant, scored in asked.items()}
+            omitted += left_out
+            record.log("log", Text(name), Tick(step, CONDITION_NS * step))
+
+        rows = [_row(contestant, name, scored, rng) for (contestant, name), scored in answers.items()]
+        _show_rates(record, rows, list(sensors))
+        record.log("summary", Text(f"## Changes\n\n{markdown(columns_of(_short(rows)))}", markdown=True))
+        for sentence in omitted:
+            record.log("log", Text(f"left out: {sentence}"))
+        drawn = {"changes": figures.rates(rows), "pictures": figures.pictures(pictures)}
+        return Report(_metrics(rows, len(grid)), {"changes": columns_of(rows)}, drawn)
+
+    def _sensors(self, sensor: Sensor) -> dict[str, Sensor]:
+        """One for each condition; the first as it is, where random poses can be asked of it."""
+        unchanged = {UNCHANGED: sensor} if self.queries is Source.random else {}
+        return unchanged | {
+            name: changed(sensor, f"study.conditions.{name}", to) for name, to in self.conditions.items()
+        }
+
+    def _plan(self, sensor: Sensor, seed: int, number: int) -> Plan:
+        plan = sensor.plan(self._layout(seed))
+        if self.queries is Source.recorded and len(plan) > self.query_count:
+            chosen = np.random.default_rng([seed, number]).choice(len(plan), self.query_count, replace=False)
+            plan = plan.at(np.sort(chosen))
+        return plan
+
+    def _layout(self, seed: int) -> Layout:
+        if self.queries is Source.recorded:
+            return RecordedPoses()
+        step = None if self.heading_step_deg is None else float(np.deg2rad(self.heading_step_deg))
+        extent = None if self.extent_m is None else (self.extent_m[0], self.extent_m[1])
+        return RandomPoses(self.query_count, seed, step, extent, self.height_m)
+
+    def _ask(
+        self, rivals: Rivals, parts: Parts, sensor: Sensor, plan: Plan, record: Recorder, seed: int, step: int
+    ) -> tuple[dict[str, Scored], Bytes, list[str]]:
+        """The answers of every contestant to the queries of one condition, its first picture, and what was left out."""
+        found: dict[str, list[Scored]] = {c.name: [] for c in rivals.contestants}
+        pictures: list[Bytes] = []
+        omitted = list(plan.omitted)
+        for frames in deliver_queries(replace(parts, sensor=sensor), plan, record, seed):
+            omitted += frames.omitted
+            if not pictures and len(frames):
+                pictures.append(frames.images[0])
+                show_picture(record, frames, 0, Tick(step, CONDITION_NS * step))
+            for answered in rivals.answers(frames):
+                found[answered.contestant.name].append(answered.scored)
+        asked = {name: joined(batches) for name, batches in found.items()}
+        _show_answers(record, asked, step)
+        return asked, pictures[0], omitted
+
+
+def _row(contestant: str, condition: str, scored: Scored, rng: np.random.Generator) -> dict[str, Any]:
+    """One contestant in one condition."""
+    nearest = scored.verdict == "nearest"
+    known = nearest | (scored.verdict == "second")
+    low, high = bootstrap(lambda chosen: float(nearest[chosen].mean()), len(nearest), rng)
+    low2, high2 = bootstrap(lambda chosen: float(known[chosen].mean()), len(nearest), rng)
+    return {
+        "contestant": contestant,
+        "condition": condition,
+        "queries": len(nearest),
+        **{f"{verdict}_rate": float(np.mean(scored.verdict == verdict)) for verdict in VERDICTS},
+        "nearest_low": low,
+        "nearest_high": high,
+        "nearest_or_second_rate": float(known.mean()),
+        "nearest_or_second_low": low2,
+        "nearest_or_second_high": high2,
+        "position_error_median_m": float(np.median(scored.error_m)),
+        "heading_error_median_deg": float(np.median(scored.heading_error_deg)),
+    }
+
+
+def _short(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """What the viewer's table has room for."""
+    kept = ("contestant", "condition", "queries", "nearest_rate", "nearest_or_second_rate", "position_error_median_m")
+    return [{name: row[name] for name in kept} for row in rows]
+
+
+def _show_answers(record: Recorder, asked: Mapping[str, Scored], step: int) -> None:
+    """Where the first contestant takes the queries of a condition to be, and each contestant the first of them."""
+    tick = Tick(step, CONDITION_NS * step)
+    first = next(iter(asked.values()))
+    record.log("answers", Answers(first.truth_m, first.answer_m, list(first.verdict)), tick)
+    for name, scored in asked.items():
+        record.log(f"estimate/{key_of(name)}", estimate_of(scored, 0), tick)
+
+
+def _show_rates(record: Recorder, rows: Sequence[Mapping[str, Any]], conditions: Sequence[str]) -> None:
+    steps = np.arange(len(conditions))
+    for name in dict.fromkeys(row["contestant"] for row in rows):
+        rates = np.array([row["nearest_rate"] for row in rows if row["contestant"] == name])
+        record.log(f"nearest/{key_of(name)}", Series(rates, steps, CONDITION_NS * steps, "1"))
+
+
+def _metrics(rows: Sequence[Mapping[str, Any]], places: int) -> list[Metric]:
+    """The worst changed condition of each contestant first: what the thesis's claim is about."""
+    found: list[Metric] = []
+    for name in dict.fromkeys(row["contestant"] for row in rows):
+        own = [row for row in rows if row["contestant"] == name and row["condition"] != UNCHANGED]
+        for rate in ("nearest", "nearest_or_second"):
+            worst = min(own, key=lambda row: row[f"{rate}_rate"])
+            interval = (worst[f"{rate}_low"], worst[f"{rate}_high"])
+            found.append(Metric(f"{key_of(name)}_{rate}_rate_worst", worst[f"{rate}_rate"], "1", interval))
+    for row in rows:
+        key = f"{key_of(row['contestant'])}_{str(row['condition']).replace(' ', '_')}"
+        found.append(Metric(f"{key}_nearest_rate", row["nearest_rate"], "1", (row["nearest_low"], row["nearest_high"])))
+        interval = (row["nearest_or_second_low"], row["nearest_or_second_high"])
+        found.append(Metric(f"{key}_nearest_or_second_rate", row["nearest_or_second_rate"], "1", interval))
+    return [*found, Metric("places", places, "1")]

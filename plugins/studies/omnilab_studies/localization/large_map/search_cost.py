@@ -1,0 +1,112 @@
+"""A localizer on one map, with a clock and a scale at hand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, is_dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from omnilab.api import Distance, Floats, Ints, Localizer, Match, Places, Signatures
+from omnilab_studies.common.timing import clocked
+
+
+@dataclass
+class Counted:
+    """A distance that counts the pairs it compares."""
+
+    distance: Distance
+    pairs: int = 0
+
+    def prepare(self, places: Signatures) -> Any:
+        """As the distance does."""
+        return self.distance.prepare(places)
+
+    def match(self, queries: Signatures, index: Any) -> Match:
+        """As the distance does."""
+        found = self.distance.match(queries, index)
+        self.pairs += found.distance.size
+        return found
+
+
+@dataclass(frozen=True)
+class Searched:
+    """What a localizer answered to Q queries, one at a time, and what that took."""
+
+    place: Ints  # (Q,)
+    position_m: Floats  # (Q, 3)
+    prepare_s: float
+    index_bytes: int  # of the prepared map's arrays, beside the signatures
+    query_ms: float  # the median
+    compared: float  # signatures that a query is compared with, on average
+
+    @classmethod
+    def by(cls, localizer: Localizer, distance: Distance, places: Places, queries: Signatures) -> Searched:
+        """Prepare the map, ask once to warm up, then every query by itself, as a robot would."""
+        distance.match(queries[:1], distance.prepare(places.signatures[:2]))  # imports and compiles
+        counted = Counted(distance)
+        index, prepare_s = clocked(lambda: localizer.prepare(places, counted))
+        localizer.locate(queries[:1], index)
+        counted.pairs = 0
+        each = [queries[q : q + 1] for q in range(len(queries))]
+        answers = [clocked(partial(localizer.locate, query, index)) for query in each]
+        return cls(
+            np.concatenate([found.place for found, _ in answers]),
+            np.concatenate([found.position_m for found, _ in answers]),
+            prepare_s,
+            array_bytes(index, but=places),
+            1e3 * float(np.median([seconds for _, seconds in answers])),
+            counted.pairs / len(queries),
+        )
+
+    def same(self, other: Searched) -> float:
+        """The share of queries that both answer with the same place."""
+        return float(np.mean(self.place == other.place))
+
+    def within(self, other: Searched, limit_m: float) -> float:
+        """The share of queries whose two answers lie within a limit."""
+        return _share_within(self.position_m, other.position_m, limit_m)
+
+    def recall(self, truth_m: Floats, limit_m: float) -> float:
+        """The share of queries answered within a limit of where they were taken (Q, 3)."""
+        return _share_within(self.position_m, truth_m, limit_m)
+
+
+def _share_within(one_m: Floats, other_m: Floats, limit_m: float) -> float:
+    return float(np.mean(np.linalg.norm(one_m - other_m, axis=1) <= limit_m * (1 + 1e-9)))
+
+
+def array_bytes(thing: Any, but: Any = None) -> int:
+    """The bytes of all arrays that a thing of tuples, lists, dicts and dataclasses holds, each once, but those of another."""
+    seen: set[int] = set()
+    _unseen_bytes(but, seen)
+    return _unseen_bytes(thing, seen)
+
+
+def _unseen_bytes(thing: Any, seen: set[int]) -> int:
+    while isinstance(thing, np.ndarray) and isinstance(thing.base, np.ndarray):
+        thing = thing.base  # a view holds the whole
+    if id(thing) in seen:
+        return 0
+    seen.add(id(thing))
+    match thing:
+        case np.ndarray():
+            return thing.nbytes
+        case dict():
+            parts = list(thing.values())
+        case tuple() | list():
+            parts = list(thing)
+        case _:
+            parts = list(vars(thing).values()) if is_dataclass(thing) else []
+    return sum(_unseen_bytes(part, seen) for part in parts)
+
+
+def exponent(sizes: Sequence[float], costs: Sequence[float]) -> float:
+    """b of costs = a sizes^b, by least squares of the logarithms of costs above 0; NaN from less than two sizes."""
+    known = [(size, cost) for size, cost in zip(sizes, costs, strict=True) if cost > 0]
+    if len({size for size, _ in known}) < 2:
+        return float("nan")
+    x, y = np.log(known).T
+    return float(np.polyfit(x, y, 1)[0])

@@ -1,0 +1,214 @@
+"""Large maps: what localizers cost, and whether they still answer as exhaustive search does."""
+
+from __future__ import annotations
+
+import resource
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from omnilab.api import (
+    Answers,
+    Floats,
+    GridPoses,
+    Metric,
+    Parts,
+    PlaceMap,
+    Places,
+    Plan,
+    RandomPoses,
+    Recorder,
+    Report,
+    Series,
+    Signatures,
+    Text,
+    Tick,
+)
+from omnilab.errors import ConfigError
+from omnilab_studies.common import charts
+from omnilab_studies.common.describing import deliver_queries, describe, describe_places, fitted, show_frame
+from omnilab_studies.common.grids import check_step
+from omnilab_studies.common.methods import joined_signatures
+from omnilab_studies.common.scores import known_poses
+from omnilab_studies.common.viewer_layouts import GROWTH
+from omnilab_studies.localization.large_map.figures import scaling
+from omnilab_studies.localization.large_map.search_cost import Searched, exponent
+from omnilab_studies.localization.large_map.side_by_side import SideBySide, in_worlds
+
+EXHAUSTIVE = "exhaustive"
+MAP_NS = 100_000_000  # between two maps, in the logs
+Row = dict[str, Any]
+
+
+@dataclass
+class LargeMap:
+    """How time, memory and answers of localizers change as the map grows: finer grids, then more worlds.
+
+    The run's `localizer` searches the whole map; every one of its `localizers` is held against it. `agreement` is the
+    share of queries whose two answers lie within the coarsest of `steps_m`, `same` that of the same place, `recall` that
+    of answers within the coarsest step of where the query was taken. Queries come one at a time; their time is the
+    median, without the description, and `compared` are the signatures that one is compared with, which no other load of
+    the machine disturbs. Memory is that of the signatures and of the prepared map's arrays beside them. Exponents are
+    slopes in the log-log figure. A descriptor that learns sees the first map alone.
+    """
+
+    steps_m: list[float] = field(default_factory=lambda: [0.2, 0.12, 0.07, 0.04])  # of the grids in the sensor's world
+    worlds: list[str] = field(default_factory=list)  # then added one after the other, at the last step; virtual sensors
+    query_count: int = 200  # random poses, shared out evenly over the worlds
+    height_m: float | None = None  # of the viewpoint; null: the sensor's own
+
+    needs: ClassVar[tuple[str, ...]] = ("sensor", "descriptor", "distance", "localizer", "localizers")
+
+    def __post_init__(self) -> None:
+        if not self.steps_m:
+            raise ConfigError("study.steps_m=[] makes no map; give one step or more, in metres")
+        for step in self.steps_m:
+            check_step(step)
+        if self.query_count <= len(self.worlds):
+            raise ConfigError(
+                f"study.query_count={self.query_count} leaves worlds without a query; give {len(self.worlds) + 1} or more"
+            )
+
+    def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
+        """One map after the other: describe it, search it in every way, compare."""
+        if EXHAUSTIVE in parts.localizers:
+            raise ConfigError(f"localizers.{EXHAUSTIVE} has the name of the run's own localizer; choose another name")
+        worlds = SideBySide.of(in_worlds(parts.sensor, self.worlds), self._grid(self.steps_m[-1]))
+        record.log("", GROWTH)
+        if scene := worlds.scene():
+            record.log("room", scene)
+        parts = fitted(parts, parts.sensor.plan(self._grid(self.steps_m[0])), record)
+        seed = int(rng.integers(2**32))
+
+        rows: list[Row] = []
+        left_out = 0
+        for i, step_m in enumerate(self.steps_m):
+            covered = worlds if i + 1 == len(self.steps_m) else worlds.first(1)
+            grid = covered.plan(self._grid(step_m))
+            whole, omitted = describe_places(replace(parts, sensor=covered), grid, record, f"{len(grid)} places")
+            left_out += len(omitted)
+            for count in range(1, len(covered.sensors) + 1):
+                some = covered.first(count)
+                tick = Tick(i + count - 1, MAP_NS * (i + count - 1))
+                found = self._on(replace(parts, sensor=some), some.part_of(whole), seed, tick, record)
+                rows += [{"worlds": count, "step_m": step_m, **row} for row in found]
+
+        table = {name: [row[name] for row in rows] for name in rows[0]}
+        growth = _growth(rows)
+        record.log("summary", Text(_summary(table, growth, max(self.steps_m)), markdown=True))
+        return Report(self._metrics(rows, left_out), {"maps": table, "exponents": growth}, {"scaling": scaling(rows)})
+
+    def _grid(self, step_m: float) -> GridPoses:
+        return GridPoses(step_m, height_m=self.height_m)
+
+    def _on(self, parts: Parts, places: Places, seed: int, tick: Tick, record: Recorder) -> list[Row]:
+        """One row for each localizer on one map."""
+        record.log("places", PlaceMap(known_poses(places.T_world_camera, "places")[:, :3, 3]), tick)
+        asked = parts.sensor.plan(RandomPoses(self.query_count, seed, height_m=self.height_m))
+        queries, truth_m = _queries(parts, asked, record, tick, seed)
+
+        rows: list[Row] = []
+        exact: Searched | None = None
+        for name, localizer in {EXHAUSTIVE: parts.localizer, **parts.localizers}.items():
+            with record.timed(f"search: {name}", len(queries)):
+                found = Searched.by(localizer, parts.distance, places, queries)
+            exact = exact or found
+            rows.append(_row(name, found, exact, places, truth_m, max(self.steps_m)))
+            _show(record, rows[-1], found, exact, truth_m, tick)
+        return rows
+
+    def _metrics(self, rows: Sequence[Row], left_out: int) -> list[Metric]:
+        """Of the largest map, and the least of all. Times and memory are in the table alone: they differ from run to run."""
+        held = [row for row in rows if row["localizer"] != EXHAUSTIVE]
+        last = rows[-len({row["localizer"] for row in rows}) :]
+        found = [
+            Metric("places_most", rows[-1]["places"], "1"),
+            Metric("agreement_least", min(row["agreement"] for row in held), "1"),
+            Metric("same_least", min(row["same"] for row in held), "1"),
+            Metric("maps", len(self.steps_m) + len(self.worlds), "1"),
+            Metric("queries", self.query_count, "1"),
+            Metric("left_out", left_out, "1"),
+            Metric("bytes_per_place", 1e6 * rows[-1]["signatures_mb"] / rows[-1]["places"], "B"),
+        ]
+        names = ("agreement", "same", "recall", "compared")
+        return [*found, *(Metric(f"{name}_{row['localizer']}", row[name], "1") for row in last for name in names)]
+
+
+def _queries(parts: Parts, plan: Plan, record: Recorder, tick: Tick, seed: int) -> tuple[Signatures, Floats]:
+    """Signatures of the queries, disturbed as the run says, and where they were taken (Q, 3)."""
+    signatures, truth_m = [], []
+    for frames in deliver_queries(parts, plan, record, seed):
+        signatures.append(describe(parts.descriptor, frames, record))
+        truth_m.append(known_poses(frames.T_world_camera, "queries")[:, :3, 3])
+        if len(truth_m) == 1:
+            show_frame(record, frames, 0, signatures[0].place[0], tick)
+    return joined_signatures(signatures), np.concatenate(truth_m)
+
+
+def _row(name: str, found: Searched, exact: Searched, places: Places, truth_m: Floats, coarse_m: float) -> Row:
+    return {
+        "places": len(places),
+        "localizer": name,
+        "query_ms": found.query_ms,
+        "compared": found.compared,
+        "agreement": found.within(exact, coarse_m),
+        "same": found.same(exact),
+        "recall": found.recall(truth_m, coarse_m),
+        "error_median_m": float(np.median(np.linalg.norm(found.position_m - truth_m, axis=1))),
+        "index_mb": found.index_bytes / 1e6,
+        "signatures_mb": places.signatures.nbytes / 1e6,
+        "prepare_s": found.prepare_s,
+        "peak_mb": _peak_mb(),
+    }
+
+
+def _peak_mb() -> float:
+    """The most memory that the process has had so far."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / 1e6 if sys.platform == "darwin" else peak * 1024 / 1e6
+
+
+def _show(record: Recorder, row: Row, found: Searched, exact: Searched, truth_m: Floats, tick: Tick) -> None:
+    """The answers, and one point of each curve."""
+    at = np.array([tick.step]), np.array([tick.stamp_ns])
+    name = row["localizer"]
+    record.log(f"time/{name}", Series(np.array([row["query_ms"]]), *at, "ms"))
+    record.log(f"compared/{name}", Series(np.array([row["compared"]]), *at, "1"))
+    record.log(f"memory/{name}", Series(np.array([row["index_mb"]]), *at, "MB"))
+    if found is exact:
+        return
+    record.log(f"agreement/{name}", Series(np.array([row["agreement"]]), *at, "1"))
+    verdict = np.where(found.place == exact.place, "nearest", "wrong")
+    record.log(f"answers/{name}", Answers(truth_m, found.position_m, list(verdict)), tick)
+
+
+def _growth(rows: Sequence[Row]) -> Mapping[str, Sequence[Any]]:
+    """Exponents of the time and the memory of each localizer."""
+    names = list(dict.fromkeys(row["localizer"] for row in rows))
+    of = {name: [row for row in rows if row["localizer"] == name] for name in names}
+    sizes = [row["places"] for row in of[names[0]]]
+    return {
+        "localizer": names,
+        **{
+            f"{cost}_exponent": [exponent(sizes, [row[cost] for row in of[name]]) for name in names]
+            for cost in ("query_ms", "compared", "index_mb")
+        },
+    }
+
+
+def _summary(table: Mapping[str, Sequence[Any]], growth: Mapping[str, Sequence[Any]], coarse_m: float) -> str:
+    shown = {name: column for name, column in table.items() if name not in {"signatures_mb", "prepare_s", "peak_mb"}}
+    return "\n".join(
+        [
+            f"## Large maps; agreement and recall within {coarse_m:g} m",
+            "",
+            charts.markdown(shown),
+            "",
+            "Cost = a · places^b:",
+            "",
+            charts.markdown(growth),
+        ]
+    )

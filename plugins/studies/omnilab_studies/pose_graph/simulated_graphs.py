@@ -1,0 +1,111 @@
+"""Simulated pose graphs: a walk through the streets of a town laid out in squares; and wrong loop closures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from omnilab.api import Floats, Ints, PoseGraph
+from omnilab.errors import ConfigError
+from omnilab.posegraph.graph import between, dead_reckoning, is_loop, matrices, vectors
+
+MIN_GAP = 10  # poses between the two of a loop closure
+
+
+@dataclass
+class Walk:
+    """A walk on a square lattice, as in Olson's Manhattan: a step ahead each time, now and then a turn at a crossing."""
+
+    count: int = 500  # poses
+    side: int = 15  # crossings along each side of the town, 1 m apart
+    turn_rate: float = 0.3  # of the crossings at which it turns
+    loop_rate: float = 0.5  # of the crossings seen before that are recognised
+    sigma_m: float = 0.05  # noise of each measured motion
+    sigma_deg: float = 1.0  # and of its rotation
+
+    def __post_init__(self) -> None:
+        if self.count < 2 or self.side < 2:
+            raise ConfigError(f"study.walk has {self.count} poses among {self.side} crossings; give 2 or more of both")
+        for name in ("turn_rate", "loop_rate"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ConfigError(f"study.walk.{name}={getattr(self, name)} is no share; give a number from 0 to 1")
+        for name in ("sigma_m", "sigma_deg"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise ConfigError(f"study.walk.{name}={getattr(self, name)} is no noise; give a number above 0")
+
+    def graph(self, rng: np.random.Generator) -> tuple[PoseGraph, Floats]:
+        """The measured graph, its poses by odometry, and the true poses (N, 3)."""
+        truth = self._path(rng)
+        steps = np.column_stack([np.arange(self.count - 1), np.arange(1, self.count)])
+        edges = np.concatenate([steps, _meetings(truth, self.loop_rate, rng)])
+        sigma = np.array([self.sigma_m, self.sigma_m, np.radians(self.sigma_deg)])
+        motions = between(truth, edges) + sigma * rng.standard_normal((len(edges), 3))
+        information = np.tile(np.diag(sigma**-2), (len(edges), 1, 1))
+        graph = PoseGraph(np.arange(self.count), truth, edges, motions, information)
+        return replace(graph, poses=dead_reckoning(graph)), truth
+
+    def _path(self, rng: np.random.Generator) -> Floats:
+        """Poses (count, 3), from the middle of the town; never out of it."""
+        at, heading, poses = np.full(2, self.side // 2), 0, []
+        for _ in range(self.count):
+            poses.append((*at, heading * np.pi / 2))
+            turns = [-1, 1] if rng.random() < self.turn_rate else [0]
+            ways = [turn for turn in turns if self._inside(_ahead(at, heading + turn))]
+            ways = ways or [turn for turn in (-1, 0, 1, 2) if self._inside(_ahead(at, heading + turn))]
+            heading += int(rng.choice(ways))
+            at = _ahead(at, heading)
+        return np.array(poses, float)
+
+    def _inside(self, at: Ints) -> bool:
+        return bool(((at >= 0) & (at < self.side)).all())
+
+
+def _ahead(at: Ints, heading: int) -> Ints:
+    """The next crossing (2,) in a direction, in quarter turns."""
+    return np.asarray(at + [(1, 0), (0, 1), (-1, 0), (0, -1)][heading % 4])
+
+
+def _meetings(truth: Floats, rate: float, rng: np.random.Generator) -> Ints:
+    """Loop closures (L, 2), earlier pose first: some of those to the last time that a crossing was passed."""
+    last: dict[tuple[float, ...], int] = {}
+    found = []
+    for i, at in enumerate(map(tuple, truth[:, :2].tolist())):
+        if i - last.get(at, i) > MIN_GAP and rng.random() < rate:
+            found.append((last[at], i))
+        last[at] = i
+    return np.array(found, int).reshape(-1, 2)
+
+
+def with_wrong_loops(graph: PoseGraph, share: float, rng: np.random.Generator) -> tuple[PoseGraph, Ints]:
+    """The graph with wrong loop closures at its end, a share of the number of its own; and which rows (W,) they are.
+
+    They join random poses by motions drawn within the graph's extent, with the information of random true ones.
+    """
+    loops = np.flatnonzero(is_loop(graph))
+    count, wrong = round(share * len(loops)), list[tuple[int, int]]()
+    if count and len(graph) < 4:
+        raise ConfigError(f"study.wrong_loops={share} needs a graph of 4 poses or more, this has {len(graph)}; give 0")
+    while len(wrong) < count:
+        i, j = rng.integers(len(graph), size=2).tolist()
+        if abs(i - j) > 1:
+            wrong.append((i, j))
+    size = 2 if graph.planar else 3
+    extent = np.ptp(graph.poses[:, :size], axis=0)
+    T = np.tile(np.eye(4), (count, 1, 1))
+    T[:, :size, 3] = rng.uniform(-0.5, 0.5, (count, size)) * extent
+    turn = rng.uniform(-np.pi, np.pi, count) if graph.planar else rng.standard_normal((count, 4))
+    zeros = np.zeros((count, 2 if graph.planar else 3))
+    T[:, :3, :3] = matrices(np.column_stack([zeros, turn if graph.planar else _unit(turn)]))[:, :3, :3]
+    rows = rng.choice(loops, count) if count else loops[:0]
+    spoilt = replace(
+        graph,
+        edges=np.concatenate([graph.edges, np.array(wrong, int).reshape(-1, 2)]),
+        motions=np.concatenate([graph.motions, vectors(T, graph.planar)]),
+        information=np.concatenate([graph.information, graph.information[rows]]),
+    )
+    return spoilt, np.arange(len(graph.edges), len(spoilt.edges))
+
+
+def _unit(quaternion: Floats) -> Floats:
+    return np.asarray(quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True))

@@ -1,0 +1,1 @@
+"""A robot's trajectory and map from images: odometry, loop closure, pose graph."""

@@ -1,0 +1,1 @@
+"""View-based SLAM: maps of views, simulated and from images."""

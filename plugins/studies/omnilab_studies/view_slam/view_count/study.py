@@ -1,0 +1,130 @@
+"""View filters against how many views there are (Gil et al., 2012, figure 7)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+from omnilab.api import Metric, Parts, Recorder, Report, Text
+from omnilab.errors import ConfigError
+from omnilab_studies.common.charts import markdown
+from omnilab_studies.common.viewer_layouts import VIEW_MAP
+from omnilab_studies.view_slam import figures
+from omnilab_studies.view_slam.display import show_drive
+from omnilab_studies.view_slam.drives import Drives
+from omnilab_studies.view_slam.filter_comparison import (
+    Ran,
+    Teller,
+    check_seeds,
+    columns,
+    counts,
+    drives_of,
+    ran,
+    rivals_of,
+    row_of,
+    seeds_of,
+    selected,
+)
+from omnilab_studies.view_slam.scenarios import scenario
+
+SHOWN = ("views", "filter", "seeds", "rms_m", "worse_m", "final_rms_m", "odometry_rms_m", "nees", "gated")
+
+
+@dataclass
+class ViewCount:
+    """Root mean square position error of view filters, and the time of a step, against the number of views.
+
+    Drives are those of the study `view_range`, in one scenario at one range; with more views a seed's drive keeps the
+    ones that it had. Times are the medians over steps, their medians over drives: a table and a figure, no metrics, for
+    they depend on what else the machine does. `exponent` there is the slope of log time over log N.
+    """
+
+    counts: list[int] = field(default_factory=lambda: [2, 4, 8, 16, 32, 64, 100])  # of views
+    range_m: float = 9.0  # of observation
+    scenario: str = "open"  # a shipped one, or a YAML file
+    seeds: int = 50  # drives
+    fewer_seeds: dict[str, int] = field(default_factory=dict)  # of a slow filter, by its name
+    drives: Drives = field(default_factory=Drives)  # laps, noise, mishaps
+
+    needs: ClassVar[tuple[str, ...]] = ()
+    cached: ClassVar[bool] = False  # it measures time
+
+    def __post_init__(self) -> None:
+        check_seeds(self.seeds, self.fewer_seeds)
+        if len(self.counts) < 2 or self.counts != sorted(set(self.counts)) or self.counts[0] < 1:
+            raise ConfigError(f"study.counts={self.counts} is no scale; give two or more numbers above 0, ascending")
+        if not 0 < self.range_m < np.inf:
+            raise ConfigError(f"study.range_m={self.range_m} is no range; give metres above 0")
+
+    def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
+        """Drive with ever more views, filter, measure and clock."""
+        rivals, base, teller = rivals_of(parts), int(rng.integers(2**32)), Teller(record)
+        ground = scenario(self.scenario)
+        common = min(seeds_of(name, self.seeds, self.fewer_seeds) for name in rivals)
+        record.log("", VIEW_MAP)
+        rows: list[dict[str, Any]] = []
+        each: list[dict[str, Any]] = []  # drive
+        times: list[dict[str, Any]] = []
+        shown, first = next(iter(rivals)), list[Ran]()
+        cases = [(count, name) for count in self.counts for name in rivals]
+        for count, name in record.track(cases, "drive", len(cases), lambda _: 1):
+            runs = []
+            seeds = range(seeds_of(name, self.seeds, self.fewer_seeds))
+            drives = [self.drives.drive(ground, count, np.random.default_rng([base, k])) for k in seeds]
+            with record.timed(f"filter: {name}", len(drives)):
+                for drive in drives:
+                    one, trace = ran(rivals[name], drive, self.range_m)
+                    runs.append(one)
+                    teller.tell(f"{name}, {count} views", trace.said)
+            first = runs if name == shown else first
+            case = {"scenario": ground.name, "views": count, "filter": name}
+            rows.append({**case, **row_of(runs, first, common, rng)})
+            each += [{**case, **drive} for drive in drives_of(runs)]
+            step_ms = float(np.median([one.step_ms for one in runs]))
+            times.append({"views": count, "filter": name, "step_ms": step_ms})
+        traces = show_drive(record, rivals[shown], drives[0], ground, self.range_m)
+        record.log("summary", Text(self._summary(rows), markdown=True))
+        pictures = {
+            "counts": figures.against_count(rows, times, list(rivals)),
+            "nees": figures.consistency(rows, "views", "views N", list(rivals)),
+            "drive": figures.drive(drives[0], ground, traces, shown, self.range_m),
+        }
+        tables = {
+            "counts": columns(rows),
+            "drives": columns(each),
+            "times": columns(with_exponents(times, list(rivals))),
+        }
+        return Report([*_metrics(rows, list(rivals)), *counts(rows)], tables, pictures)
+
+    def _summary(self, rows: Sequence[Mapping[str, Any]]) -> str:
+        table = columns([{name: row[name] for name in SHOWN} for row in rows])
+        return "\n".join([f"## Error against the number of views, within {self.range_m:g} m", "", markdown(table)])
+
+
+def _metrics(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> list[Metric]:
+    """Errors with the most views and with the fewest."""
+    found = []
+    for which, label in ((-1, "most"), (0, "fewest")):
+        for name in names:
+            row = selected(rows, filter=name)[which]
+            found += [
+                Metric(f"{name}_{label}_rms", row["rms_m"], "m"),
+                Metric(f"{name}_{label}_rms_common", row["rms_common_m"], "m"),
+                Metric(f"{name}_{label}_nees", row["nees"], "1"),
+            ]
+    return [*found, Metric("odometry_rms", selected(rows, filter=names[0])[-1]["odometry_rms_m"], "m")]
+
+
+def with_exponents(times: Sequence[Mapping[str, Any]], names: Sequence[str]) -> list[dict[str, Any]]:
+    """The slope of log time over log N, of each filter over the larger half of its numbers, beside the times."""
+    found = []
+    for name in names:
+        own = selected(times, filter=name)
+        half = own[len(own) // 2 - (len(own) == 2) :]
+        x, y = (np.log([row[key] for row in half]) for key in ("views", "step_ms"))
+        exponent = float(np.polyfit(x, y, 1)[0]) if len(half) > 1 else float("nan")
+        found += [{**row, "exponent": exponent} for row in own]
+    return found

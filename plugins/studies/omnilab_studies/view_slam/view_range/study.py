@@ -1,0 +1,134 @@
+"""View filters against how far views are seen (Gil et al., 2012, figure 6)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+from omnilab.api import Metric, Parts, Recorder, Report, Text
+from omnilab.errors import ConfigError
+from omnilab_studies.common.charts import markdown
+from omnilab_studies.common.viewer_layouts import VIEW_MAP
+from omnilab_studies.view_slam import figures
+from omnilab_studies.view_slam.display import show_drive
+from omnilab_studies.view_slam.drives import Drives
+from omnilab_studies.view_slam.filter_comparison import (
+    Ran,
+    Teller,
+    check_seeds,
+    columns,
+    counts,
+    drives_of,
+    ran,
+    rivals_of,
+    row_of,
+    seeds_of,
+    selected,
+)
+from omnilab_studies.view_slam.scenarios import scenario
+
+SHOWN = ("scenario", "range_m", "filter", "seeds", "rms_m", "worse_m", "final_rms_m", "odometry_rms_m", "nees", "gated")
+
+
+@dataclass
+class ViewRange:
+    """Root mean square position error of view filters and of odometry against the range at which views are observed.
+
+    Without images: a robot drives laps through scenarios, takes views at random places of the first and observes those
+    in range and in line of sight by two noisy angles. Each seed draws another odometry and other views, the same at all
+    ranges and for all filters. Nothing is aligned: the first pose is known. A filter has converged at the range from
+    which on its mean error stays below a share of odometry's: no metric where there is none. NEES of x, y and heading is averaged over the seeds at each
+    step, and `nees_within` is the share of steps where that mean lies within its 95 % bounds (3 is expected, 0.95).
+    """
+
+    ranges_m: list[float] = field(default_factory=lambda: [1.5, 3.0, 4.5, 6.0, 7.5, 9.0, 10.5, 12.0, 15.0])  # of views
+    scenarios: list[str] = field(default_factory=lambda: ["open", "walls"])  # shipped ones, or YAML files
+    views: int = 12  # on the first lap
+    seeds: int = 50  # drives
+    fewer_seeds: dict[str, int] = field(default_factory=dict)  # of a slow filter, by its name
+    drives: Drives = field(default_factory=Drives)  # laps, noise, mishaps
+    converged_share: float = 0.25  # of odometry's error
+    shown_range_m: float = 7.5  # of the drive in the logs: the first seed's in the last scenario, by the first filter
+
+    needs: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        check_seeds(self.seeds, self.fewer_seeds)
+        if not (self.ranges_m and self.scenarios and self.ranges_m == sorted(self.ranges_m) and self.ranges_m[0] > 0):
+            raise ConfigError(
+                f"study.ranges_m={self.ranges_m} in scenarios {self.scenarios}; give both, ranges ascending"
+            )
+        if self.views < 1 or not 0 < self.converged_share < 1 or not self.shown_range_m > 0:
+            raise ConfigError(
+                "study.views is below 1, converged_share not between 0 and 1, or shown_range_m not above 0"
+            )
+
+    def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
+        """Drive, filter, measure: every scenario, range and filter on the same drives."""
+        rivals, base, teller = rivals_of(parts), int(rng.integers(2**32)), Teller(record)
+        grounds = [scenario(name) for name in self.scenarios]
+        common = min(seeds_of(name, self.seeds, self.fewer_seeds) for name in rivals)
+        record.log("", VIEW_MAP)
+        rows: list[dict[str, Any]] = []
+        each: list[dict[str, Any]] = []  # drive
+        shown, first = next(iter(rivals)), list[Ran]()
+        for ground in grounds:
+            drives = [
+                self.drives.drive(ground, self.views, np.random.default_rng([base, k])) for k in range(self.seeds)
+            ]
+            cases = [(range_m, name) for range_m in self.ranges_m for name in rivals]
+            for range_m, name in record.track(cases, f"drive: {ground.name}", len(cases), lambda _: 1):
+                runs = []
+                with record.timed(f"filter: {name}", seeds_of(name, self.seeds, self.fewer_seeds)):
+                    for drive in drives[: seeds_of(name, self.seeds, self.fewer_seeds)]:
+                        one, trace = ran(rivals[name], drive, range_m)
+                        runs.append(one)
+                        teller.tell(f"{name}, {ground.name}, {range_m:g} m", trace.said)
+                first = runs if name == shown else first
+                case = {"scenario": ground.name, "range_m": range_m, "filter": name}
+                rows.append({**case, **row_of(runs, first, common, rng)})
+                each += [{**case, **drive} for drive in drives_of(runs)]
+        traces = show_drive(record, rivals[shown], drives[0], ground, self.shown_range_m)
+        record.log("summary", Text(self._summary(rows), markdown=True))
+        pictures = {
+            "ranges": figures.against_range(rows, list(rivals)),
+            "nees": figures.consistency(rows, "range_m", "range of observation [m]", list(rivals)),
+            "drive": figures.drive(drives[0], ground, traces, shown, self.shown_range_m),
+        }
+        tables = {"ranges": columns(rows), "drives": columns(each)}
+        return Report([*self._metrics(rows, list(rivals)), *counts(rows)], tables, pictures)
+
+    def _metrics(self, rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> list[Metric]:
+        """Where each filter converges, and how it does at the longest range."""
+        found = []
+        for ground in dict.fromkeys(row["scenario"] for row in rows):
+            for name in names:
+                own = selected(rows, scenario=ground, filter=name)
+                found.append(Metric(f"{name}_{ground}_converged_from", self.converged_from(own), "m"))
+        found = [metric for metric in found if np.isfinite(metric.value)]
+        for ground in dict.fromkeys(row["scenario"] for row in rows):
+            for name in names:
+                last = selected(rows, scenario=ground, filter=name)[-1]
+                found += [
+                    Metric(f"{name}_{ground}_rms", last["rms_m"], "m"),
+                    Metric(f"{name}_{ground}_rms_common", last["rms_common_m"], "m"),
+                    Metric(f"{name}_{ground}_nees", last["nees"], "1"),
+                ]
+            most = selected(rows, scenario=ground, filter=names[0])[-1]  # the filter that was on all drives
+            found.append(Metric(f"odometry_{ground}_rms", most["odometry_rms_m"], "m"))
+        return found
+
+    def converged_from(self, rows: Sequence[Mapping[str, Any]]) -> float:
+        """The range (rows ascend by it) from which on the mean error stays below the share of odometry's; NaN: none."""
+        good = [row["rms_m"] < self.converged_share * row["odometry_rms_m"] for row in rows]
+        if not good[-1]:
+            return float("nan")
+        last_bad = max((i for i, one in enumerate(good) if not one), default=-1)
+        return float(rows[last_bad + 1]["range_m"])
+
+    def _summary(self, rows: Sequence[Mapping[str, Any]]) -> str:
+        table = columns([{name: row[name] for name in SHOWN} for row in rows])
+        return "\n".join(["## Error against the range of observation", "", markdown(table)])
