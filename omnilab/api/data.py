@@ -105,7 +105,7 @@ class Places:
     signatures: Signatures
     T_world_camera: Floats | None  # (P, 4, 4)
     keys: Sequence[str]
-    learnt: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)  # by the descriptor, where it had to learn
+    descriptor_state: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)  # of a trained descriptor
 
     def __len__(self) -> int:
         return len(self.signatures)
@@ -142,7 +142,7 @@ class Heights:
 
 
 @dataclass(frozen=True)
-class Arrangement:
+class Embedding:
     """B sets of n points, placed in a plane so that their distances resemble given ones, up to scale, turn and reflection."""
 
     position: Floats  # (B, n, 2) in the unit of the distances
@@ -153,29 +153,39 @@ class Arrangement:
 
 @dataclass(frozen=True)
 class Motion:
-    """How a camera moved in the plane from one image to another, as an odometry tells."""
+    """The planar motion of a camera between two images, as an odometry estimates it.
 
-    vector: (
-        Floats  # (3,) x and y in `unit`, heading: the second pose in the frame of the first; NaN where it cannot tell
-    )
+    `vector` is the second pose in the frame of the first: x and y in `unit`, heading; NaN where the estimate failed.
+    `window_rad` is where, in the second camera's frame, the half of the panorama starts that won a half-window vote.
+    """
+
+    vector: Floats  # (3,)
     covariance: Floats  # (3, 3) of these
     unit: str  # "m", or what it counts: then lengths are right up to one unknown factor
-    failed: str = ""  # why it cannot tell, in a few words
-    matches: Floats | None = (
-        None  # (M, 2, 2): azimuth and level (of `Camera.unwrap`) in the first panorama, in the second
-    )
-    agree: Bools | None = None  # (M,) which of the matches the motion explains
+    failed: str = ""  # why there is no estimate, in a few words
+    matches: Floats | None = None  # (M, 2, 2): azimuth and level of `Camera.unwrap`, in the first panorama, the second
+    agree: Bools | None = None  # (M,) which of the matches are inliers of the motion
     features: int = 0  # found in both images together, those without a match included
-    window_rad: float | None = (
-        None  # azimuth in the second camera's frame where the winning half of the panorama starts
-    )
+    window_rad: float | None = None
 
 
 @dataclass(frozen=True)
 class Unusable:
-    """What an odometry keeps of an image in which nothing can be made out."""
+    """What an odometry extracts from an image in which nothing can be made out."""
 
     reason: str  # in a few words
+
+
+@dataclass(frozen=True, eq=False)
+class ImageFeatures:
+    """F local features of an image on the unit sphere, strongest first.
+
+    An odometry whose `extract` returns these shares them: a loop closure may match them instead of finding its own.
+    """
+
+    directions: Floats | None  # (F, 3) unit float32, in the camera's frame; None of an uncalibrated camera
+    azimuth_level: Floats  # (F, 2) float32, on the panorama: azimuth in radians, level of `Camera.unwrap`
+    vectors: npt.NDArray[Any]  # (F, D) feature descriptors: uint8 of SIFT, float16 of SURF; of any length
 
 
 @dataclass(frozen=True)
@@ -221,4 +231,4 @@ class Optimized:
     iterations: int
     weights: Floats  # (E,) in [0, 1]: how much each edge still counts; 0: it was rejected
     covariances: Floats | None = None  # (N, d, d) of each pose, in its own frame, where they were asked for
-    said: Sequence[str] = ()  # what went wrong, in sentences
+    warnings: Sequence[str] = ()  # what went wrong, in sentences

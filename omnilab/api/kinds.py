@@ -1,25 +1,26 @@
-"""The kinds of components: one Protocol each."""
+"""The kinds of components: one Protocol each, the table of kinds, and what studies are given."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
 from omnilab.api.data import (
-    Arrangement,
     Bools,
     Bytes,
     Camera,
     Closures,
+    Embedding,
     Estimates,
     Floats,
     Frames,
     Heights,
+    ImageFeatures,
     Ints,
     Match,
     Motion,
@@ -27,8 +28,9 @@ from omnilab.api.data import (
     Places,
     PoseGraph,
     Signatures,
+    Unusable,
 )
-from omnilab.api.poses import Layout, Plan
+from omnilab.api.poses import Plan, PoseRequest
 from omnilab.api.records import Mesh, Record, Tick
 from omnilab.api.results import Recorder, Report
 
@@ -37,7 +39,7 @@ from omnilab.api.results import Recorder, Report
 class Sensor(Protocol):
     """Images of the world. Virtual ones image any pose; recorded ones say which of theirs a layout takes."""
 
-    def plan(self, layout: Layout) -> Plan:
+    def plan(self, layout: PoseRequest) -> Plan:
         """Which frames the sensor has for a layout; DataError in one sentence if it has none."""
 
     def frames(self, plan: Plan) -> Iterator[Frames]:
@@ -58,42 +60,48 @@ class Disturbance(Protocol):
         """
 
 
+class DescriptorDeclaration(Protocol):
+    """What a descriptor declares about itself, before and after it was trained."""
+
+    view: ClassVar[str]  # the image it wants: "mirror" (square, as taken) or "panorama" (columns counter-clockwise)
+    rotation: ClassVar[str]  # under a rotation of the camera its signatures are "equivariant" (the last axis shifts),
+    # "invariant", or neither ("none")
+    default_distance: ClassVar[str]  # the distance it is compared with where none is named
+
+    @property
+    def color(self) -> bool:
+        """Whether it wants RGB images, or grey ones: a class attribute, or a setting."""
+
+
 @runtime_checkable
-class Descriptor(Protocol):
-    """Turns images into signatures. Declares four things about itself as class attributes.
+class Descriptor(DescriptorDeclaration, Protocol):
+    """Turns images into signatures, and declares `view`, `color`, `rotation` and `default_distance`.
 
     What an image's signature is depends on the image and the settings alone, bit for bit: the cache keeps signatures
     image by image. Where the rest of a batch or anything else plays a part, `cached = False` beside the four says so.
     """
-
-    view: ClassVar[str]  # the picture it wants: "mirror" (square, as taken) or "panorama" (columns counter-clockwise)
-    color: ClassVar[bool]  # RGB (True) or grey
-    turned: ClassVar[
-        str
-    ]  # what a turn of the camera does to it: "shifts" the last axis, nothing ("same"), or "changes"
-    default_distance: ClassVar[str]  # the distance it is compared with where none is named
 
     def describe(self, images: Bytes) -> Signatures:
         """Signatures of images (N, H, W) or, with `color`, (N, H, W, 3)."""
 
 
 @runtime_checkable
-class Learnt(Descriptor, Protocol):
-    """What a learner has learnt: a descriptor that can be saved with a map."""
+class TrainedDescriptor(Descriptor, Protocol):
+    """A descriptor that was trained on a map's images, and can be saved with the map."""
 
     def state(self) -> Mapping[str, npt.NDArray[Any]]:
         """All that was learnt, as arrays of numbers."""
 
 
 @runtime_checkable
-class Learner(Protocol):
-    """A descriptor that must see the map before it can describe."""
+class Trainable(DescriptorDeclaration, Protocol):
+    """A descriptor that must be trained on the map's images before it can describe; it may fill a descriptor's slot."""
 
-    def fit(self, images: Bytes) -> Learnt:
-        """The descriptor that was learnt from the views (N, H, W[, 3]) of the map's images."""
+    def fit(self, images: Bytes) -> TrainedDescriptor:
+        """The descriptor trained on the views (N, H, W[, 3]) of the map's images."""
 
-    def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> Learnt:
-        """The descriptor whose `state` that was; DataError if it is not one of this learner's, with these settings."""
+    def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> TrainedDescriptor:
+        """The descriptor whose `state` that was; DataError if it is of another class or of other settings."""
 
 
 @runtime_checkable
@@ -119,10 +127,10 @@ class Localizer(Protocol):
 
 
 @runtime_checkable
-class MapMaker(Protocol):
+class Embedder(Protocol):
     """A localizer that makes a map of its own out of nothing but how unlike images are."""
 
-    def arrange(self, distance: Floats, rng: np.random.Generator, steps: int = 0) -> Arrangement:
+    def embed(self, distance: Floats, rng: np.random.Generator, steps: int = 0) -> Embedding:
         """Place B sets of n points, from distances (B, n, n), several starts each where the method needs them: the best.
 
         With `steps`, about so many states on the way to the best are kept. Infinite distances do not count.
@@ -130,10 +138,10 @@ class MapMaker(Protocol):
 
 
 @runtime_checkable
-class Tracker(Protocol):
+class SequenceLocalizer(Protocol):
     """A localizer that remembers: its index follows one sequence of queries, in order."""
 
-    def follow(self, queries: Signatures, index: Any, motion: Floats) -> Estimates:
+    def track(self, queries: Signatures, index: Any, motion: Floats) -> Estimates:
         """As `locate`, knowing the motion (Q, 3) up to each query since the one before, in the camera's frame there.
 
         Metres forward (+x), metres to the left (+y), radians counter-clockwise; NaN where it is not known.
@@ -150,23 +158,29 @@ class Altimeter(Protocol):
 
 @runtime_checkable
 class Odometry(Protocol):
-    """Tells how the camera moved from one image to another, mostly to the next."""
+    """Estimates how the camera moved from one image to another, mostly to the next."""
 
-    def look(self, frames: Frames) -> Sequence[Any]:
-        """What it keeps of each image of a batch; an `Unusable` of one in which nothing can be made out."""
+    def extract(self, frames: Frames) -> Sequence[Any]:
+        """What `estimate` needs of each image of a batch; an `Unusable` of one in which nothing can be made out.
 
-    def motion(self, before: Any, now: Any, rng: np.random.Generator) -> Motion:
-        """The motion between two images, from what was kept of them; both are usable."""
+        What it extracts is its own business, but for `ImageFeatures`: these are handed to the loop closure, too.
+        """
+
+    def estimate(self, before: Any, now: Any, rng: np.random.Generator) -> Motion:
+        """The motion between two images, from what was extracted of them; both are usable."""
 
 
 @runtime_checkable
-class Memory(Protocol):
-    """The images of a robot's way, so far. They are numbered as they come, from 0: nodes."""
+class PlaceDatabase(Protocol):
+    """The images of a robot's trajectory, so far. They are numbered as they come, from 0: nodes."""
 
-    def recall(self, frames: Frames, look: Any, step: float, rng: np.random.Generator) -> Closures:
+    def query(
+        self, frames: Frames, features: ImageFeatures | Unusable | None, step: float, rng: np.random.Generator
+    ) -> Closures:
         """Which earlier nodes show the place of the next image (a batch of one); it becomes a node itself.
 
-        `look` is what the odometry kept of it, `step` the usual length of its steps so far.
+        `features` are those that the odometry extracted from the image, or why it is unusable; None where the odometry
+        extracts something else. `step` is the usual length of the odometry's steps so far.
         """
 
 
@@ -174,8 +188,8 @@ class Memory(Protocol):
 class LoopClosure(Protocol):
     """Recognises places that the robot has been to before."""
 
-    def begin(self) -> Memory:
-        """A memory without images."""
+    def begin(self) -> PlaceDatabase:
+        """A database without images."""
 
 
 @runtime_checkable
@@ -190,7 +204,7 @@ class Backend(Protocol):
 
 
 @runtime_checkable
-class Growing(Protocol):
+class IncrementalGraph(Protocol):
     """A map to which one pose after the other is added. Poses are numbered as they come, from 0."""
 
     def add(self, pose: Floats, edges: Ints, motions: Floats, information: Floats) -> Sequence[str]:
@@ -208,10 +222,10 @@ class Growing(Protocol):
 
 
 @runtime_checkable
-class OnlineBackend(Protocol):
+class IncrementalBackend(Protocol):
     """A back end that can take poses as they come."""
 
-    def begin(self, first_pose: Floats) -> Growing:
+    def begin(self, first_pose: Floats) -> IncrementalGraph:
         """A map with one pose (k,), which stays."""
 
 
@@ -291,27 +305,88 @@ class Sink(Protocol):
         """Mend this sink's file of a run that was killed: what was done in a sentence, None if nothing was amiss."""
 
 
+# --------------------------------------------------------------------------------------------------------- the table
 @dataclass(frozen=True)
-class Parts:
-    """The components a study may use. The runner checks that those it needs are there."""
+class Kind:
+    """One kind of component. What a run, a study's parts and the hooks are made of is derived from these."""
 
-    sensor: Sensor = None  # type: ignore[assignment]
-    descriptor: Descriptor = None  # type: ignore[assignment]
-    distance: Distance = None  # type: ignore[assignment]
-    localizer: Localizer = None  # type: ignore[assignment]
-    altimeter: Altimeter = None  # type: ignore[assignment]
-    odometry: Odometry = None  # type: ignore[assignment]
-    loop_closure: LoopClosure = None  # type: ignore[assignment]
-    backend: Backend = None  # type: ignore[assignment]
-    view_filter: ViewFilter = None  # type: ignore[assignment]
-    map: Places = None  # type: ignore[assignment]  # a saved one
-    sensors: Mapping[str, Sensor] = field(default_factory=dict)  # that the study uses beside the run's own
-    disturbances: Mapping[str, Disturbance] = field(default_factory=dict)  # of the queries, in the order they apply
-    descriptors: Mapping[str, Descriptor] = field(default_factory=dict)  # that the study compares, by name
-    distances: Mapping[str, Distance] = field(default_factory=dict)  # that it compares them with
-    localizers: Mapping[str, Localizer] = field(default_factory=dict)  # that the study compares
-    altimeters: Mapping[str, Altimeter] = field(default_factory=dict)  # that the study compares
-    odometries: Mapping[str, Odometry] = field(default_factory=dict)  # that join the run's own
-    backends: Mapping[str, Backend] = field(default_factory=dict)  # that the study compares
-    view_filters: Mapping[str, ViewFilter] = field(default_factory=dict)  # that the study compares
-    default_distances: Mapping[str, Distance] = field(default_factory=dict)  # of each of `descriptors`, its own
+    name: str  # the slot of a run that holds one, and the config group
+    plural: str  # the setting of a run that holds any number, by name
+    protocol: type[Any]
+    summary: str
+    slot: bool = True  # a run has a slot for one: `descriptor=radon`
+    many: bool = True  # a run may have any number: `+descriptor@descriptors.a=radon`
+    part: bool = True  # studies are given it
+
+    @property
+    def hook(self) -> str:
+        """The name of the hook by which plugins register components of this kind."""
+        return f"register_{self.plural}"
+
+
+KINDS: dict[str, Kind] = {
+    kind.name: kind
+    for kind in (
+        Kind("sensor", "sensors", Sensor, "Sources of images: virtual worlds, folders of images, logs played back."),
+        Kind("disturbance", "disturbances", Disturbance, "From images to disturbed ones: noise, occlusion, blur, another light.", slot=False),
+        Kind("descriptor", "descriptors", Descriptor, "From images to signatures."),
+        Kind("distance", "distances", Distance, "From pairs of signatures to how unlike they are, and the rotation between them."),
+        Kind("localizer", "localizers", Localizer, "From a query and a map to a pose."),
+        Kind("altimeter", "altimeters", Altimeter, "From two images to the difference of their heights."),
+        Kind("odometry", "odometries", Odometry, "From two images to the motion between them."),
+        Kind("loop_closure", "loop_closures", LoopClosure, "From an image to the places on the robot's trajectory that it shows again.", many=False),
+        Kind("backend", "backends", Backend, "From a pose graph to its optimum."),
+        Kind("view_filter", "view_filters", ViewFilter, "From odometry and views seen again to a map of views."),
+        Kind("study", "studies", Study, "The code of experiments: drives the components and measures.", many=False, part=False),
+        Kind("sink", "sinks", Sink, "Where the records of a run go.", slot=False, part=False),
+    )
+}  # fmt: skip
+
+
+def is_cached(component: Any) -> bool:
+    """Whether descriptions may come from the cache: `cached` of a descriptor or a study, True where it says nothing."""
+    return bool(getattr(component, "cached", True))
+
+
+if TYPE_CHECKING:
+
+    @dataclass(frozen=True)
+    class Parts:
+        """The components a study may use, as `KINDS` has them. The runner checks that those it needs are there."""
+
+        sensor: Sensor = ...
+        descriptor: Descriptor = ...
+        distance: Distance = ...
+        localizer: Localizer = ...
+        altimeter: Altimeter = ...
+        odometry: Odometry = ...
+        loop_closure: LoopClosure = ...
+        backend: Backend = ...
+        view_filter: ViewFilter = ...
+        sensors: Mapping[str, Sensor] = ...  # that the study uses beside the run's own
+        disturbances: Mapping[str, Disturbance] = ...  # of the queries, in the order they apply
+        descriptors: Mapping[str, Descriptor] = ...  # that the study compares, by name
+        distances: Mapping[str, Distance] = ...  # that it compares them with
+        localizers: Mapping[str, Localizer] = ...
+        altimeters: Mapping[str, Altimeter] = ...
+        odometries: Mapping[str, Odometry] = ...  # that join the run's own
+        backends: Mapping[str, Backend] = ...
+        view_filters: Mapping[str, ViewFilter] = ...
+        map: Places = ...  # a saved one
+        default_distances: Mapping[str, Distance] = ...  # of each of `descriptors`, its own
+
+else:
+    Parts = make_dataclass(
+        "Parts",
+        [
+            *((kind.name, Any, None) for kind in KINDS.values() if kind.part and kind.slot),
+            *((kind.plural, Any, field(default_factory=dict)) for kind in KINDS.values() if kind.part and kind.many),
+            ("map", Any, None),
+            ("default_distances", Any, field(default_factory=dict)),
+        ],
+        frozen=True,
+        namespace={
+            "__doc__": "The components a study may use, as `KINDS` has them; see its declaration for type checkers."
+        },
+    )
+    Parts.__module__ = __name__

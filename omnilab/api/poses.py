@@ -51,7 +51,7 @@ class RecordedPoses:
     without: GridPoses | None = None
 
 
-Layout = GridPoses | RandomPoses | PathPoses | NamedPath | RecordedPoses
+PoseRequest = GridPoses | RandomPoses | PathPoses | NamedPath | RecordedPoses
 
 
 @dataclass(frozen=True)

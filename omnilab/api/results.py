@@ -25,15 +25,15 @@ class Metric:
 
 @dataclass(frozen=True)
 class Report:
-    """What a study found. The first three metrics are the ones that tables of runs show."""
+    """The results of a study. Tables of runs show the first three metrics."""
 
     metrics: Sequence[Metric]
     tables: Mapping[str, Mapping[str, Sequence[Any] | npt.NDArray[Any]]] = field(default_factory=dict)
     figures: Mapping[str, Any] = field(default_factory=dict)  # matplotlib figures, by file name without ending
     map: Places | None = None  # to be kept, so that other runs can localise in it
-    files: Mapping[str, str] = field(
-        default_factory=dict
-    )  # texts for the run's folder, by file name: trajectories, graphs
+    files: Mapping[str, str] = field(default_factory=dict)  # texts by file name: trajectories, graphs
+    summary: str = ""  # Markdown; the runner logs it as `summary`
+    omitted: Sequence[str] = ()  # what was left out, each with its reason; the runner logs them as lines of `log`
 
 
 class Recorder(Protocol):

@@ -11,10 +11,11 @@ from typing import Any, cast
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
+from omnilab.api import KINDS
 from omnilab.errors import ConfigError, DataError
 from omnilab.runner.config import Run, components_of, structured
 from omnilab.runner.map_file import about_map, map_file
-from omnilab.runner.registry import DICTS, KINDS, Registry, members
+from omnilab.runner.registry import DICTS, Registry, members
 
 log = logging.getLogger("omnilab")
 
@@ -117,7 +118,7 @@ def _check_slot(path: str, kind: str, value: Any, registry: Registry) -> None:
             else f"choose one, as in +{kind}@{path}={first}"
         )
         raise ConfigError(f"{path} is plain YAML without a component; {way} (registered: {', '.join(names)})")
-    lacking = [member for member in members(KINDS[kind]) if not hasattr(value, member)]
+    lacking = [member for member in members(KINDS[kind].protocol) if not hasattr(value, member)]
     if lacking:
         raise ConfigError(f"{path} is a {type(value).__name__}, which lacks {', '.join(lacking)}; choose a {kind}")
 

@@ -10,7 +10,8 @@ from typing import Any
 from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING, DictConfig, OmegaConf
 
-from omnilab.runner.registry import DICTS, KINDS, Registry
+from omnilab.api import KINDS
+from omnilab.runner.registry import DICTS, Registry
 
 log = logging.getLogger("omnilab")
 

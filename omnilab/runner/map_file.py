@@ -35,7 +35,7 @@ def save_map(path: Path, places: Places, about: Mapping[str, Any]) -> None:
         arrays["heading"] = places.signatures.heading
     if places.T_world_camera is not None:
         arrays["T_world_camera"] = places.T_world_camera
-    arrays |= {LEARNT + name: np.asarray(value) for name, value in places.learnt.items()}
+    arrays |= {LEARNT + name: np.asarray(value) for name, value in places.descriptor_state.items()}
     part = path.with_name(path.name + ".part")
     try:
         with part.open("wb") as file:

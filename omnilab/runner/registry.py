@@ -25,38 +25,13 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from omnilab import api, hooks
+from omnilab import hooks
+from omnilab.api import KINDS
 from omnilab.errors import ConfigError, PluginError, did_you_mean
 
-KINDS: dict[str, type[Any]] = {
-    "sensor": api.Sensor,
-    "disturbance": api.Disturbance,
-    "descriptor": api.Descriptor,
-    "distance": api.Distance,
-    "localizer": api.Localizer,
-    "altimeter": api.Altimeter,
-    "odometry": api.Odometry,
-    "loop_closure": api.LoopClosure,
-    "backend": api.Backend,
-    "view_filter": api.ViewFilter,
-    "study": api.Study,
-    "sink": api.Sink,
-}
-DICTS = {  # settings of a run that hold any number of a kind, by name
-    "altimeters": "altimeter",
-    "backends": "backend",
-    "descriptors": "descriptor",
-    "distances": "distance",
-    "disturbances": "disturbance",
-    "localizers": "localizer",
-    "odometries": "odometry",
-    "sensors": "sensor",
-    "sinks": "sink",
-    "view_filters": "view_filter",
-}
-MANY = {"disturbance": "disturbances", "sink": "sinks"}  # kinds that have no slot beside: `disturbance=blur` goes there
-PLURALS = {"odometry": "odometries", "study": "studies"}
-HOOKS = {kind: f"register_{PLURALS.get(kind, f'{kind}s')}" for kind in KINDS}
+DICTS = {kind.plural: kind.name for kind in KINDS.values() if kind.many}  # settings of a run that hold any number
+MANY = {kind.name: kind.plural for kind in KINDS.values() if not kind.slot}  # `disturbance=blur` goes to the dict
+HOOKS = {kind.name: kind.hook for kind in KINDS.values()}
 COMMANDS_HOOK = "register_commands"
 
 
@@ -243,10 +218,10 @@ def check_component(kind: str, name: str, cls: type[Any]) -> None:
         raise PluginError(f"{kind} '{name}' has an unusable name; use lower case letters, digits and _")
     if "__dataclass_fields__" not in getattr(cls, "__dict__", {}):  # neither an instance nor a class that inherits them
         raise PluginError(f"{kind} '{name}' is {cls!r}; register a class with @dataclass")
-    lacking = [member for member in members(KINDS[kind]) if not hasattr(cls, member)]
+    lacking = [member for member in members(KINDS[kind].protocol) if not hasattr(cls, member)]
     if lacking:
         raise PluginError(
-            f"{kind} '{name}' ({cls.__name__}) lacks {', '.join(lacking)}; see {KINDS[kind].__name__} in omnilab.api"
+            f"{kind} '{name}' ({cls.__name__}) lacks {', '.join(lacking)}; see {KINDS[kind].protocol.__name__} in omnilab.api"
         )
     if cls.__dataclass_params__.frozen:
         raise PluginError(f"{kind} '{name}' ({cls.__name__}) is frozen, so nothing could be overridden; use @dataclass")
@@ -260,9 +235,13 @@ def check_component(kind: str, name: str, cls: type[Any]) -> None:
 
 
 def members(protocol: type[Any]) -> list[str]:
-    """The class attributes and methods that a Protocol asks for."""
-    declared = list(protocol.__annotations__) + [n for n, v in vars(protocol).items() if callable(v)]
-    return [name for name in declared if not name.startswith("_")]
+    """The attributes and methods that a Protocol asks for, those of the Protocols it extends first."""
+    found: list[str] = []
+    for cls in reversed(protocol.__mro__):
+        if getattr(cls, "_is_protocol", False):
+            asked = [n for n, value in vars(cls).items() if callable(value) or isinstance(value, property)]
+            found += [name for name in [*cls.__annotations__, *asked] if not name.startswith("_")]
+    return list(dict.fromkeys(found))
 
 
 def _check_free(component: Component, registry: Registry) -> None:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnilab.api import Bytes, Learner, Signatures
+from omnilab.api import Bytes, Signatures, Trainable
 from omnilab.runner.fingerprint import fingerprint
 from omnilab.runner.signature_store import Shelf, is_alike, keys_of, put
 
@@ -51,7 +51,7 @@ class Cache:
         One that learns from the map, or says `cached = False`, is given back as it is.
         """
         cls = type(descriptor)
-        if isinstance(descriptor, Learner) or not getattr(cls, "cached", True):
+        if isinstance(descriptor, Trainable) or not getattr(cls, "cached", True):
             return descriptor
         if cls not in self._classes:
             members = {

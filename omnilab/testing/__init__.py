@@ -13,7 +13,7 @@ from omnilab.testing.backend import check_backend
 from omnilab.testing.descriptor import check_descriptor
 from omnilab.testing.distance import check_distance
 from omnilab.testing.disturbance import check_disturbance
-from omnilab.testing.localizer import check_localizer, check_map_maker
+from omnilab.testing.localizer import check_embedder, check_localizer
 from omnilab.testing.loop_closure import check_loop_closure
 from omnilab.testing.odometry import check_odometry
 from omnilab.testing.sensor import check_sensor
@@ -27,9 +27,9 @@ __all__ = [
     "check_descriptor",
     "check_distance",
     "check_disturbance",
+    "check_embedder",
     "check_localizer",
     "check_loop_closure",
-    "check_map_maker",
     "check_odometry",
     "check_sensor",
     "check_sink",

@@ -36,7 +36,7 @@ def check_backend(backend: Any) -> None:
         expect(bool((np.linalg.eigvalsh(found.covariances) > 0).all()), "covariances are not positive definite")
         again = backend.optimize(graph)
         expect(np.array_equal(again.poses, found.poses), "the same graph gives other poses the second time")
-        if isinstance(backend, api.OnlineBackend):
+        if isinstance(backend, api.IncrementalBackend):
             _check_growing(backend.begin(graph.poses[0]), graph, truth)
     apart = replace(graph, edges=graph.edges[2:], motions=graph.motions[2:], information=graph.information[2:])
     apart = replace(apart, edges=np.where(apart.edges == 1, 2, apart.edges))

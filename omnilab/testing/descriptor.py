@@ -15,7 +15,7 @@ def check_descriptor(descriptor: Any) -> None:
     """Shape, type, finite, deterministic, batch equals one by one, rotation as declared, defined on black, pickles."""
     check_common("descriptor", descriptor)
     images = smooth_images(descriptor.view, descriptor.color)
-    if is_learner := isinstance(descriptor, api.Learner):
+    if is_learner := isinstance(descriptor, api.Trainable):
         learner, descriptor = descriptor, descriptor.fit(images)
         expect(is_same(learner.restore(descriptor.state()).describe(images), descriptor.describe(images), 0),
                 "restored from its state, what was learnt gives other signatures")  # fmt: skip
@@ -49,21 +49,21 @@ def _check_parts(descriptor: Any, images: Bytes, whole: Signatures) -> None:
 def _check_turn(descriptor: Any, images: Bytes, before: Signatures) -> None:
     """A quarter turn of the camera moves pixels exactly, so what it does to signatures is known exactly."""
     expect(
-        descriptor.turned in {"shifts", "same", "changes"},
-        f"turned={descriptor.turned!r} is none of 'shifts', 'same', 'changes'",
+        descriptor.rotation in {"shifts", "same", "changes"},
+        f"turned={descriptor.rotation!r} is none of 'shifts', 'same', 'changes'",
     )
-    if descriptor.turned == "changes" and before.heading is None:
+    if descriptor.rotation == "none" and before.heading is None:
         return
     if descriptor.view == "mirror":
         turned = np.rot90(images, k=-1, axes=(1, 2))
     else:
         turned = np.roll(images, -images.shape[2] // 4, axis=2)
     after = descriptor.describe(np.ascontiguousarray(turned))
-    if descriptor.turned != "changes":
-        expected = _quarter(before.place) if descriptor.turned == "shifts" else before.place
+    if descriptor.rotation != "none":
+        expected = _quarter(before.place) if descriptor.rotation == "equivariant" else before.place
         expect(
             is_same(Signatures(expected), Signatures(after.place), 1e-3),
-            f"declares turned={descriptor.turned!r}, but a quarter turn to the left does something else",
+            f"declares turned={descriptor.rotation!r}, but a quarter turn to the left does something else",
         )
     if before.heading is not None:
         expect(

@@ -17,7 +17,7 @@ def check_loop_closure(closure: Any, frames: api.Frames) -> None:
     for memory in (closure.begin(), closure.begin()):
         rng = np.random.default_rng(1)
         for i in range(len(frames)):
-            told = memory.recall(frames.at(i), None, 0.1, rng)
+            told = memory.query(frames.at(i), None, 0.1, rng)
             count = len(told.nodes)
             expect(i > 0 or count == 0, "the first image is recognised")
             expect(

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from omnilab.api import Layout
+from omnilab.api import PoseRequest
 from omnilab.testing.common import check_common, expect
 
 
-def check_sensor(sensor: Any, layout: Layout) -> None:
+def check_sensor(sensor: Any, layout: PoseRequest) -> None:
     """A plan as long as its frames, in its order; shapes; deterministic; a part of a plan gives the same images."""
     check_common("sensor", sensor)
     plan = sensor.plan(layout)

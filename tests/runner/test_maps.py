@@ -51,8 +51,8 @@ def test_a_map_comes_back_bit_for_bit(tmp_path, heading, poses):
         assert (one is None) == (other is None)
         assert one is None or np.array_equal(one, other)
     assert after.keys == before.keys
-    assert after.learnt.keys() == before.learnt.keys()
-    assert all(np.array_equal(after.learnt[name], value) for name, value in before.learnt.items())
+    assert after.descriptor_state.keys() == before.descriptor_state.keys()
+    assert all(np.array_equal(after.descriptor_state[name], value) for name, value in before.descriptor_state.items())
     assert not list(tmp_path.glob("*.part"))
 
 

@@ -35,7 +35,7 @@ def run(omnilab_in, here):
 
 def test_a_row_for_every_contestant_in_every_condition(run):
     rows = load_run(run).table("changes")
-    assert [(row["contestant"], row["condition"]) for row in rows] == [
+    assert [(row["method"], row["condition"]) for row in rows] == [
         (name, condition) for condition in ("unchanged", "raised", "same") for name in ("radon", "fourier_signature")
     ]
     for row in rows:
@@ -47,7 +47,7 @@ def test_a_row_for_every_contestant_in_every_condition(run):
 
 
 def test_a_condition_that_changes_nothing_is_answered_alike(run):
-    rows = {(row["contestant"], row["condition"]): row for row in load_run(run).table("changes")}
+    rows = {(row["method"], row["condition"]): row for row in load_run(run).table("changes")}
     for name in ("radon", "fourier_signature"):
         same, unchanged = (
             {key: value for key, value in rows[name, condition].items() if key != "condition"}

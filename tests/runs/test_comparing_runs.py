@@ -38,7 +38,7 @@ def test_robustness_is_one_command(omnilab_here, folder):
     done = omnilab_here(*ROBUSTNESS, "~sinks.rerun")
     assert done.rc == 0, done.stderr
     assert "radon_area " in done.stdout
-    table = {row["contestant"]: row for row in rows(folder / "robustness.csv")}
+    table = {row["method"]: row for row in rows(folder / "robustness.csv")}
     assert list(table) == ["radon", "fourier_signature", "sift", "hog"]
     levels = rows(folder / "levels.csv")
     assert len(levels) == len(table) * (1 + 5 * 3)

@@ -45,7 +45,7 @@ def test_cost_says_how_long_it_took(omnilab_in, here):
     result = omnilab_in(here, "experiment=cost", *SMALL, *arguments)
     assert result.rc == 0, result.stderr
     folder = here / "logs" / "latest"
-    rows = {row["contestant"]: row for row in load_run(folder).table("times")}
+    rows = {row["method"]: row for row in load_run(folder).table("times")}
     assert len(rows) == 8
     assert all(float(row["describe_ms"]) > 0 and float(row["query_ms"]) > 0 for row in rows.values())
     assert float(rows["rotational_pca"]["fit_s"]) > 0

@@ -27,7 +27,7 @@ def test_local_maps_end_in_tables(omnilab_in, here):
     assert result.rc == 0, result.stderr
     folder = here / "logs" / "latest"
     rows = load_run(folder).table("local_maps")
-    made = {(row["contestant"], row["localizer"]) for row in rows}
+    made = {(row["method"], row["localizer"]) for row in rows}
     assert made == {(c, m) for c in ("radon + poc_band", "fourier_signature + cityblock") for m in ("spring", "smacof")}
     assert all(0 < float(row["median_m"]) < 2 and 0 < float(row["stress"]) < 1 for row in rows)
     assert len(load_run(folder).table("errors")) == len(rows) * 12 * 2
@@ -42,7 +42,7 @@ def test_topological_maps_end_in_a_table(omnilab_in, here):
     assert result.rc == 0, result.stderr
     folder = here / "logs" / "latest"
     rows = load_run(folder).table("topological_maps")
-    assert {row["contestant"] for row in rows} == {
+    assert {row["method"] for row in rows} == {
         "radon + poc_band", "radon + cityblock", "fourier_signature + cityblock"
     }  # fmt: skip
     assert {(row["links"], row["localizer"]) for row in rows} == {(n, m) for n in "08" for m in ("spring", "smacof")}

@@ -23,8 +23,8 @@ def room():
 @pytest.mark.parametrize("k", range(len(WAY) - 1))
 def test_steps_in_the_room_are_told_in_metres(room, k):
     odometry = PlanarEpipolar(height_m=HEIGHT_M)
-    before, now = odometry.look(room)[k : k + 2]
-    told = odometry.motion(before, now, np.random.default_rng(0))
+    before, now = odometry.extract(room)[k : k + 2]
+    told = odometry.estimate(before, now, np.random.default_rng(0))
     c, s = np.cos(WAY[k, 2]), np.sin(WAY[k, 2])
     forward = (WAY[k + 1, :2] - WAY[k, :2]) @ np.array([[c, -s], [s, c]])
     turn = wrap_angle(WAY[k + 1, 2] - WAY[k, 2])
@@ -35,7 +35,7 @@ def test_steps_in_the_room_are_told_in_metres(room, k):
 
 def test_matches_that_agree_follow_the_motion(room):
     odometry = PlanarEpipolar()
-    before, now = odometry.look(room)[:2]
-    told = odometry.motion(before, now, np.random.default_rng(0))
+    before, now = odometry.extract(room)[:2]
+    told = odometry.estimate(before, now, np.random.default_rng(0))
     assert len(told.agree) == len(matched(before, now, odometry.ratio)[0])
     assert told.agree.mean() > 0.7

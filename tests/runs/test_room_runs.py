@@ -27,15 +27,13 @@ def here(tmp_path_factory):
 
 def check_maps(folder, places):
     rows = load_run(folder).table("local_maps")
-    assert {(row["contestant"], row["localizer"]) for row in rows} == {
+    assert {(row["method"], row["localizer"]) for row in rows} == {
         (name, maker) for name in ("poc_band", "radon_gist") for maker in ("spring", "smacof")
     }
     assert {row["places"] for row in load_run(folder).table("times")} == {str(places)}
     assert all(0 < float(row["median_m"]) <= float(row["p95_m"]) for row in rows)
     starts = [
-        row
-        for row in load_run(folder).table("errors")
-        if (row["contestant"], row["localizer"]) == ("poc_band", "spring")
+        row for row in load_run(folder).table("errors") if (row["method"], row["localizer"]) == ("poc_band", "spring")
     ]
     assert len({row["error_m"] for row in starts}) > 5, "other starts, other maps"
     return rows

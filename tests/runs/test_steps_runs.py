@@ -35,7 +35,7 @@ def run(omnilab_in, tmp_path_factory):
 
 def test_a_row_for_every_step_contestant_and_kind_of_headings(run):
     rows = load_run(run).table("steps")
-    assert [(row["step_m"], row["headings"], row["contestant"]) for row in rows] == [
+    assert [(row["step_m"], row["headings"], row["method"]) for row in rows] == [
         (step, headings, name)
         for step in ("0.5", "1.0")
         for headings in ("any", "on_grid")
@@ -46,12 +46,12 @@ def test_a_row_for_every_step_contestant_and_kind_of_headings(run):
 
 def test_each_contestant_has_the_distance_of_its_name(run):
     """Beside their names they are the same descriptor: what differs is the distance."""
-    rows = {(row["contestant"], row["step_m"], row["headings"]): row for row in load_run(run).table("steps")}
+    rows = {(row["method"], row["step_m"], row["headings"]): row for row in load_run(run).table("steps")}
     errors = [
         [rows[name, "0.5", "any"][f"heading_error_{s}_deg"] for s in ("mean", "median")] for name in ("poc", "poc_band")
     ]
     assert errors[0] != errors[1]
-    assert {row["heading_error_mean_deg"] for row in load_run(run).table("steps") if row["contestant"] == "radon_gist"}
+    assert {row["heading_error_mean_deg"] for row in load_run(run).table("steps") if row["method"] == "radon_gist"}
 
 
 def test_coarser_maps_have_fewer_places(run):

@@ -74,7 +74,7 @@ class Lying(PlanarEpipolar):
     share: float = 0.1
     told: int = 0
 
-    def motion(self, before, now, rng):
+    def estimate(self, before, now, rng):
         found = super().motion(before, now, rng)
         if found.failed or rng.random() > self.share:
             return found

@@ -18,7 +18,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from rerun.chunk import RrdReader
 
-from omnilab.api import Frames, GridPoses, Layout, Mesh, Parts, PathPoses, Plan
+from omnilab.api import Frames, GridPoses, Mesh, Parts, PathPoses, Plan, PoseRequest
 from omnilab.geometry import planar_poses
 from omnilab.runner.recorder import Recorder
 from omnilab.runner.run_folder import load_run
@@ -282,7 +282,7 @@ class Replayed:
     def __init__(self, mirror: Mirror, T_world_camera: np.ndarray, on_grid: np.ndarray) -> None:
         self.mirror, self.T_world_camera, self.on_grid = mirror, T_world_camera, on_grid
 
-    def plan(self, layout: Layout) -> Plan:
+    def plan(self, layout: PoseRequest) -> Plan:
         chosen = self.on_grid if isinstance(layout, GridPoses) else ~self.on_grid
         return self.mirror.plan(PathPoses(self.T_world_camera[chosen]))
 

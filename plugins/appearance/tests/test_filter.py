@@ -55,14 +55,14 @@ def test_odometry_tells_which_way_it_went():
     follow = Filter(motion_m=0.3)
     for forward, expected in ((2.0, 7), (-2.0, 3)):
         index = follow.prepare(line(), Given())
-        found = follow.follow(seen([5], [3, 7]), index, np.array([[np.nan] * 3, [forward, 0.0, 0.0]]))
+        found = follow.track(seen([5], [3, 7]), index, np.array([[np.nan] * 3, [forward, 0.0, 0.0]]))
         assert found.place.tolist() == [5, expected]
 
 
 def test_odometry_is_in_the_frame_of_the_camera():
     follow = Filter(motion_m=0.3)
     index = follow.prepare(line(), Given(rotation=np.pi / 2))  # the camera looks along +y: its right is +x
-    found = follow.follow(seen([5], [3, 7]), index, np.array([[np.nan] * 3, [0.0, -2.0, 0.0]]))
+    found = follow.track(seen([5], [3, 7]), index, np.array([[np.nan] * 3, [0.0, -2.0, 0.0]]))
     assert found.place.tolist() == [5, 7]
     assert np.allclose(found.heading_rad, np.pi / 2)
 

@@ -11,7 +11,7 @@ from sklearn.manifold import MDS
 from omnilab.api import Places, Signatures
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses, procrustes
-from omnilab.testing import check_map_maker
+from omnilab.testing import check_embedder
 from omnilab_appearance import Cosine, Euclidean, Smacof, Spring, _map_kernels
 from omnilab_appearance.localizers.local_maps import Constants, connected, most_alike
 from omnilab_appearance.localizers.smacof import classical_scaling
@@ -42,14 +42,14 @@ def noisy(seed, n=10, sets=1, noise=0.2):
 
 @pytest.mark.parametrize("maker", MAKERS, ids=NAMES)
 def test_keeps_the_contract(maker):
-    check_map_maker(maker)
+    check_embedder(maker)
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(3, 30), st.floats(1e-6, 1e6))
 @settings(max_examples=25)
 def test_smacof_keeps_the_distances_of_a_plane(seed, n, scale):
     points = scale * np.random.default_rng(seed).uniform(-1, 1, (2, n, 2))
-    made = Smacof().arrange(distances(points), np.random.default_rng(0))
+    made = Smacof().embed(distances(points), np.random.default_rng(0))
     assert np.abs(procrustes(made.position, points, scale=False).apply(made.position) - points).max() < 1e-6 * scale
 
 
@@ -59,21 +59,21 @@ def test_springs_keep_the_distances_of_a_plane_to_a_hundredth_of_their_mean(inte
     points = np.random.default_rng(5).uniform(-1, 1, (20, 10, 2))
     exact = distances(points)
     maker = Spring(integrator=integrator, constants=constants, step_s=step_s, starts=16)
-    made = maker.arrange(exact, np.random.default_rng(0))
+    made = maker.embed(exact, np.random.default_rng(0))
     fitted = procrustes(made.position, points, scale=False).apply(made.position)
     assert np.abs(fitted - points).max() < 0.01 * exact.mean()
 
 
 def test_a_finer_tolerance_keeps_them_better():
     points = np.random.default_rng(5).uniform(-1, 1, (4, 10, 2))
-    made = Spring(tolerance=1e-8, starts=8).arrange(distances(points), np.random.default_rng(0))
+    made = Spring(tolerance=1e-8, starts=8).embed(distances(points), np.random.default_rng(0))
     assert np.abs(distances(made.position) - distances(points)).max() < 1e-5
 
 
 @pytest.mark.parametrize("maker", MAKERS, ids=NAMES)
 def test_four_points_all_alike_settle_in_a_square(maker):
     """The least stress of a tetrahedron in the plane: sides a, diagonals √2 a, a = (2 + √2) / 4 (4 (a-1)² + 2 (√2 a-1)²)."""
-    made = maker.arrange(1 - np.eye(4)[None], np.random.default_rng(0))
+    made = maker.embed(1 - np.eye(4)[None], np.random.default_rng(0))
     side = (2 + np.sqrt(2)) / 4
     lengths = np.sort(distances(made.position[0])[np.triu_indices(4, 1)])
     assert np.allclose(lengths, [side] * 4 + [np.sqrt(2) * side] * 2, atol=5e-3)
@@ -86,8 +86,8 @@ def test_the_order_of_the_images_does_not_matter(maker):
     points = np.random.default_rng(6).uniform(-1, 1, (5, 8, 2))
     order = np.random.default_rng(7).permutation(8)
     exact = distances(points)
-    made = maker.arrange(exact, np.random.default_rng(0))
-    other = maker.arrange(exact[:, order][:, :, order], np.random.default_rng(0))
+    made = maker.embed(exact, np.random.default_rng(0))
+    other = maker.embed(exact[:, order][:, :, order], np.random.default_rng(0))
     assert np.allclose(distances(other.position), distances(made.position)[:, order][:, :, order], atol=0.01)
 
 
@@ -96,7 +96,7 @@ def test_the_order_of_the_images_does_not_matter(maker):
 def test_the_stress_of_smacof_never_rises(seed, constants):
     maker = Smacof(constants=constants)
     given_ = noisy(seed)
-    steps = maker.arrange(given_, np.random.default_rng(0), steps=40).steps
+    steps = maker.embed(given_, np.random.default_rng(0), steps=40).steps
     weights = maker._weights(given_, given_ > 0)
     stress = (weights * (distances(steps) - given_) ** 2).sum(axis=(1, 2, 3))
     assert (np.diff(stress) <= 1e-12 * stress[0]).all()
@@ -108,7 +108,7 @@ def test_the_stress_of_smacof_never_rises(seed, constants):
 def test_springs_end_where_no_force_is_left(seed):
     """The gradient of the energy vanishes, and from start to end the energy fell."""
     given_ = noisy(seed)
-    made = Spring(tolerance=1e-7, iterations=100_000).arrange(given_, np.random.default_rng(0), steps=10)
+    made = Spring(tolerance=1e-7, iterations=100_000).embed(given_, np.random.default_rng(0), steps=10)
 
     def energy(x):
         return 0.25 * ((distances(x) - given_[0]) ** 2).sum()
@@ -121,7 +121,7 @@ def test_springs_end_where_no_force_is_left(seed):
 
 def test_smacof_reaches_the_stress_that_scikit_learn_reaches_from_the_same_start():
     given_ = noisy(1, n=12, sets=10)
-    ours = Smacof().arrange(given_, np.random.default_rng(0)).stress
+    ours = Smacof().embed(given_, np.random.default_rng(0)).stress
     for stress, distance in zip(ours, given_, strict=True):
         theirs = MDS(n_init=1, init="classical_mds", metric="precomputed", random_state=0, eps=1e-7, max_iter=3000)
         found = distances(theirs.fit_transform(distance))
@@ -138,9 +138,9 @@ def test_classical_scaling_is_exact_in_the_plane_and_leaves_a_line():
 def test_missing_distances_are_found_from_the_others():
     points = np.random.default_rng(3).uniform(0, 1, (1, 30, 2))
     near = np.where(distances(points) < 0.6, distances(points), np.inf)
-    made = Smacof(tolerance=1e-10).arrange(near, np.random.default_rng(0))
+    made = Smacof(tolerance=1e-10).embed(near, np.random.default_rng(0))
     assert np.abs(distances(made.position) - distances(points)).max() < 1e-3
-    by_threshold = Smacof(tolerance=1e-10, threshold=0.6).arrange(distances(points), np.random.default_rng(0))
+    by_threshold = Smacof(tolerance=1e-10, threshold=0.6).embed(distances(points), np.random.default_rng(0))
     assert np.array_equal(by_threshold.position, made.position)
 
 
@@ -159,7 +159,7 @@ def test_links_unbend_a_map_whose_far_distances_saturate():
     bent = np.minimum(exact, 3.0)[None]
 
     def residual(maker):
-        position = maker.arrange(bent, np.random.default_rng(0)).position[0]
+        position = maker.embed(bent, np.random.default_rng(0)).position[0]
         return np.linalg.norm(procrustes(position, points).apply(position) - points, axis=1).max()
 
     assert residual(Smacof(linked=8, tolerance=1e-9)) < 0.05
@@ -239,7 +239,7 @@ def test_the_map_is_fitted_on_the_places_only():
     seen = np.column_stack([grid()[:, :2], np.zeros(30)])
     index = Smacof(neighbours=4).prepare(places_on(grid(), seen), Euclidean())
     far = Smacof(neighbours=4).locate(Signatures(np.float32([[2.4, 2.7, 2.0]])), index)
-    plane = Smacof().arrange(distances(np.array([[2.0, 2, 0], [3, 2, 0], [2, 3, 0], [3, 3, 0], [2.4, 2.7, 2]]))[None],
+    plane = Smacof().embed(distances(np.array([[2.0, 2, 0], [3, 2, 0], [2, 3, 0], [3, 3, 0], [2.4, 2.7, 2]]))[None],
                              np.random.default_rng(0)).position[0]  # fmt: skip
     square = np.array([[2.0, 2], [3, 2], [2, 3], [3, 3]])
     assert np.allclose(far.position_m[0, :2], procrustes(plane[:4], square).apply(plane[4:])[0], atol=1e-4)
@@ -250,13 +250,13 @@ def test_the_map_is_fitted_on_the_places_only():
 def test_repeated_images_share_a_place(maker):
     points = np.random.default_rng(1).uniform(0, 1, (1, 8, 2))
     points[0, 5] = points[0, 2]
-    made = maker.arrange(distances(points), np.random.default_rng(0))
+    made = maker.embed(distances(points), np.random.default_rng(0))
     assert np.abs(distances(made.position) - distances(points)).max() < 0.02
 
 
 @pytest.mark.parametrize("maker", MAKERS, ids=NAMES)
 def test_images_that_are_all_the_same_are_one_place_and_said(maker, caplog):
-    made = maker.arrange(np.zeros((1, 5, 5)), np.random.default_rng(0))
+    made = maker.embed(np.zeros((1, 5, 5)), np.random.default_rng(0))
     assert np.abs(distances(made.position)).max() < 0.01
     assert "all distances equal" in caplog.text
 
@@ -276,7 +276,7 @@ def test_distances_just_below_zero_are_zero():
     exact[0, 2] = exact[0, :, 2] = exact[0, 5]
     exact[0, 2, 5] = exact[0, 5, 2] = exact[0, 2, 2] = 0
     below = np.where(exact == 0, -1.2e-7, exact)
-    made, other = (Smacof().arrange(d, np.random.default_rng(0)).position for d in (exact, below))
+    made, other = (Smacof().embed(d, np.random.default_rng(0)).position for d in (exact, below))
     assert np.array_equal(made, other)
 
 
@@ -289,26 +289,26 @@ def test_places_at_one_position_answer_that_position():
 
 def test_springs_that_fly_apart_are_run_again_with_a_smaller_step(caplog):
     points = np.random.default_rng(1).uniform(0, 1, (1, 40, 2))
-    made = Spring(step_s=0.5).arrange(distances(points), np.random.default_rng(0))
+    made = Spring(step_s=0.5).embed(distances(points), np.random.default_rng(0))
     assert made.stress[0] < 1e-2
     assert "flew apart with step_s=0.5 in 4 of 4 systems" in caplog.text
 
 
 def test_springs_that_do_not_come_to_rest_are_said(caplog):
-    Spring(iterations=3).arrange(noisy(0), np.random.default_rng(0))
+    Spring(iterations=3).embed(noisy(0), np.random.default_rng(0))
     assert "4 of 4 systems of springs were still moving after 3 iterations" in caplog.text
 
 
 def test_a_map_in_pieces_is_said(caplog):
     points = np.array([[[0.0, 0], [1, 0], [0, 1], [50, 0], [51, 0], [50, 1]]])
-    made = Smacof(threshold=3.0).arrange(distances(points), np.random.default_rng(0))
+    made = Smacof(threshold=3.0).embed(distances(points), np.random.default_rng(0))
     assert np.allclose(distances(made.position[0, :3]), distances(points[0, :3]), atol=1e-3)
     assert "1 of 1 maps fall into parts" in caplog.text
 
 
 @pytest.mark.parametrize("maker", [Smacof(threshold=1e-9), Spring(threshold=1e-9)])
 def test_a_threshold_that_leaves_no_pair_is_said(maker, caplog):
-    made = maker.arrange(noisy(0), np.random.default_rng(0))
+    made = maker.embed(noisy(0), np.random.default_rng(0))
     assert np.isfinite(made.position).all()
     assert made.stress[0] == 0
     assert "1 of 1 maps fall into parts" in caplog.text
@@ -326,12 +326,12 @@ def test_distances_that_are_none_are_refused(value):
     given_ = noisy(0)
     given_[0, 1, 2] = value
     with pytest.raises(DataError, match="NaN or numbers below 0"):
-        Smacof().arrange(given_, np.random.default_rng(0))
+        Smacof().embed(given_, np.random.default_rng(0))
 
 
 def test_distances_of_two_points_are_refused():
     with pytest.raises(DataError, match="make no map"):
-        Spring().arrange(np.zeros((1, 2, 2)), np.random.default_rng(0))
+        Spring().embed(np.zeros((1, 2, 2)), np.random.default_rng(0))
 
 
 @pytest.mark.parametrize(

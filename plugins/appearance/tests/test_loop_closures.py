@@ -32,7 +32,7 @@ def frames(order):
 def recalled(closure, order, looks=None, step=0.1):
     """What is told of each of the pictures, one after the other."""
     memory, rng, images = closure.begin(), np.random.default_rng(1), frames(order)
-    return [memory.recall(images.at(i), looks[i] if looks else None, step, rng) for i in range(len(order))]
+    return [memory.query(images.at(i), looks[i] if looks else None, step, rng) for i in range(len(order))]
 
 
 def sighting(points, vectors, place=(0.0, 0.0), turn=0.0):
@@ -65,9 +65,7 @@ def test_positions_are_as_uncertain_as_usual_steps_are_long():
 def test_the_turn_is_that_of_the_pictures():
     memory, rng = HogThreshold(exclude=1).begin(), np.random.default_rng(1)
     for picture in (PLACES[0], PLACES[1], np.rot90(PLACES[0], -1)):  # what was ahead is on the right: turned left
-        told = memory.recall(
-            Frames(picture[None], ["a"], np.zeros(1, int), THESIS_HALF, np.zeros(1, int)), None, 1, rng
-        )
+        told = memory.query(Frames(picture[None], ["a"], np.zeros(1, int), THESIS_HALF, np.zeros(1, int)), None, 1, rng)
     assert told.nodes.tolist() == [0]
     assert told.motions[0] == pytest.approx([0, 0, np.pi / 2], abs=np.deg2rad(1))
 
@@ -151,6 +149,6 @@ def test_a_camera_that_cannot_say_where_it_looks_is_told():
     camera = ImageCircle(250, 250, Circle(124.5, 124.5, 125))
     assert not isinstance(camera, CalibratedCamera)
     with pytest.raises(DataError, match="choose loop_closure=hog_threshold"):
-        Verified().begin().recall(
+        Verified().begin().query(
             Frames(PLACES[:1], ["a"], np.zeros(1, int), camera, np.zeros(1, int)), None, 1.0, np.random.default_rng(0)
         )

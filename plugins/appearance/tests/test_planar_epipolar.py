@@ -231,7 +231,7 @@ CAMERAS = {
 def test_every_camera_model_tells_the_motion(name):
     camera = CAMERAS[name]
     at = [(0.3, -0.2, 0.5), (0.3 + 0.2 * np.cos(1.7), -0.2 + 0.2 * np.sin(1.7), 0.8)]
-    looks = PlanarEpipolar().look(frames([seen_from(*pose, camera) for pose in at], camera))
+    looks = PlanarEpipolar().extract(frames([seen_from(*pose, camera) for pose in at], camera))
     told = relative_pose(*looks, np.random.default_rng(0))
     assert told.failed == ""
     assert abs(wrap_angle(told.phi - 0.3)) < np.deg2rad(0.3)
@@ -251,8 +251,8 @@ def test_the_contract(odometry, pair):
 
 def test_lengths_by_the_floor_are_heights_of_the_camera_or_metres(pair):
     odometry, metric = PlanarEpipolar(), PlanarEpipolar(height_m=0.8)
-    a, b, _ = odometry.look(pair)
-    told, scaled = (o.motion(a, b, np.random.default_rng(0)) for o in (odometry, metric))
+    a, b, _ = odometry.extract(pair)
+    told, scaled = (o.estimate(a, b, np.random.default_rng(0)) for o in (odometry, metric))
     assert (told.unit, scaled.unit) == ("camera heights", "m")
     truth = np.array([0.2 * np.cos(1.2), 0.2 * np.sin(1.2), 0.3])
     assert np.abs(told.vector - truth)[:2].max() < 0.01
@@ -263,7 +263,7 @@ def test_lengths_by_the_floor_are_heights_of_the_camera_or_metres(pair):
 
 
 def test_looks_stay_small_and_pickle(pair):
-    look = PlanarEpipolar().look(pair.at(0))[0]
+    look = PlanarEpipolar().extract(pair.at(0))[0]
     assert sum(part.nbytes for part in look[:3]) < 62_000
     again = pickle.loads(pickle.dumps(look))
     np.testing.assert_array_equal(again.directions, look.directions)
@@ -281,7 +281,7 @@ def test_features_across_the_seam_are_found():
 
 def test_surf_features_tell_the_motion_too(pair):
     odometry = PlanarEpipolar(detector=Detector.surf, tolerance_deg=1.0)
-    a, b, _ = odometry.look(pair)
+    a, b, _ = odometry.extract(pair)
     told = relative_pose(a, b, np.random.default_rng(0), tolerance_deg=1.0)
     assert abs(wrap_angle(told.phi - 0.3)) < np.deg2rad(1)
     assert abs(wrap_angle(told.beta - 1.2)) < np.deg2rad(8)
@@ -289,8 +289,8 @@ def test_surf_features_tell_the_motion_too(pair):
 
 def test_a_repeated_image_shows_no_parallax(pair):
     odometry = PlanarEpipolar()
-    look = odometry.look(pair.at(0))[0]
-    told = odometry.motion(look, look, np.random.default_rng(0))
+    look = odometry.extract(pair.at(0))[0]
+    told = odometry.estimate(look, look, np.random.default_rng(0))
     assert "no parallax" in told.failed
     assert np.isnan(told.vector[:2]).all()
     assert abs(told.vector[2]) < 1e-6
@@ -300,7 +300,7 @@ def test_images_in_which_there_is_nothing_are_unusable():
     shape = (480, 480)
     black, grey = np.zeros(shape, np.uint8), np.full(shape, 90, np.uint8)
     plain = np.broadcast_to(np.linspace(20, 200, 480).astype(np.uint8), shape)
-    looks = PlanarEpipolar().look(frames([black, grey, plain], MIRROR))
+    looks = PlanarEpipolar().extract(frames([black, grey, plain], MIRROR))
     assert all(isinstance(look, Unusable) for look in looks)
     assert looks[0].reason == "black"
     assert "flat" in looks[1].reason
@@ -310,7 +310,7 @@ def test_images_in_which_there_is_nothing_are_unusable():
 def test_an_uncalibrated_camera_is_refused(pair):
     circle = ImageCircle(480, 480, Circle(239.5, 239.5, 200.0))
     with pytest.raises(DataError, match="calibration"):
-        PlanarEpipolar().look(frames(list(pair.images), circle))
+        PlanarEpipolar().extract(frames(list(pair.images), circle))
 
 
 def test_a_camera_without_a_floor_says_so():
@@ -322,7 +322,7 @@ def test_a_camera_without_a_floor_says_so():
         vectors = np.eye(100, 128, dtype=np.uint8)[up] * 200
         return Sighting(directions[up], np.zeros((up.sum(), 2)), vectors)
 
-    told = PlanarEpipolar().motion(sighting(p), sighting(q), rng)
+    told = PlanarEpipolar().estimate(sighting(p), sighting(q), rng)
     assert told.failed == "0 points of the floor"
     assert told.vector[2] == pytest.approx(0.1, abs=1e-6)
 

@@ -27,9 +27,9 @@ def frames(poses=T):
 
 
 def motions(odometry, seed=1):
-    looks = odometry.look(frames())
+    looks = odometry.extract(frames())
     rng = np.random.default_rng(seed)
-    return [odometry.motion(looks[i], looks[i + 1], rng) for i in range(3)]
+    return [odometry.estimate(looks[i], looks[i + 1], rng) for i in range(3)]
 
 
 def test_conforms():
@@ -47,9 +47,9 @@ def test_without_noise_it_is_the_motion_in_the_first_frame():
 @pytest.mark.parametrize("step", [0, 1, 2])
 def test_its_covariance_is_that_of_its_noise(step):
     odometry = Simulated(0.1, 0.01, 2.0, 0.1)
-    looks = odometry.look(frames())
+    looks = odometry.extract(frames())
     rng = np.random.default_rng(4)
-    told = [odometry.motion(looks[step], looks[step + 1], rng) for _ in range(2000)]
+    told = [odometry.estimate(looks[step], looks[step + 1], rng) for _ in range(2000)]
     off = np.array([m.vector for m in told]) - TRUE[step]
     chi2 = np.einsum("ni,ij,nj->n", off, np.linalg.inv(told[0].covariance), off)
     assert stats.kstest(chi2, stats.chi2(3).cdf).pvalue > 0.001
@@ -72,7 +72,7 @@ def test_the_noise_is_of_the_seed():
 
 def test_says_what_is_missing_or_wrong():
     with pytest.raises(DataError, match="needs the poses that it spoils"):
-        Simulated().look(frames(None))
+        Simulated().extract(frames(None))
     for wrong in ({"translation_noise": -1}, {"still_noise_m": 0}, {"heading_noise_deg": float("nan")}):
         with pytest.raises(ConfigError, match="are no noise; give"):
             Simulated(**wrong)

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from omnilab.api import Bytes, Floats, Frames, Layout, Mesh, Plan
+from omnilab.api import Bytes, Floats, Frames, Mesh, Plan, PoseRequest
 from omnilab.cameras import ImageCircle, RayCamera
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import poses, rotation_xyz
@@ -96,7 +96,7 @@ class Folder:
             check_circle(self.circle_px)
         self._naming()
 
-    def plan(self, layout: Layout) -> Plan:
+    def plan(self, layout: PoseRequest) -> Plan:
         """The images that a layout takes, in the order of the positions file (without one: of their names)."""
         rows = self.recording.rows(layout)
         return Plan([self.recording.images[row] for row in rows], self._poses(rows))

@@ -52,7 +52,7 @@ class Recorded:
                 " the last two above 0"
             )
 
-    def look(self, frames: Frames) -> Sequence[Reading]:
+    def extract(self, frames: Frames) -> Sequence[Reading]:
         """The recorded pose of each image; DataError for a file without stamps that is too short."""
         pose, stamps = self._record
         if stamps is not None:
@@ -66,7 +66,7 @@ class Recorded:
             )
         return [Reading(one) for one in pose[frames.plan_index]]
 
-    def motion(self, before: Reading, now: Reading, rng: np.random.Generator) -> Motion:  # noqa: ARG002
+    def estimate(self, before: Reading, now: Reading, rng: np.random.Generator) -> Motion:  # noqa: ARG002
         """The second pose in the frame of the first, in metres; draws nothing."""
         both = np.stack([before.pose, now.pose])
         if not np.isfinite(both).all():

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from omnilab.api import GridPoses, Layout, NamedPath, PathPoses, RecordedPoses
+from omnilab.api import GridPoses, NamedPath, PathPoses, PoseRequest, RecordedPoses
 from omnilab.errors import ConfigError, DataError
 from omnilab_recordings.filename_poses import Naming, positions_of
 from omnilab_recordings.grid import Grid, find_grid, on_grid
@@ -36,7 +36,7 @@ class Recording:
     images: Sequence[str]  # (N,)
     positions: Positions | None
 
-    def rows(self, layout: Layout) -> Ints:
+    def rows(self, layout: PoseRequest) -> Ints:
         """Which of the images a layout takes; DataError that says what there is."""
         if isinstance(layout, RecordedPoses):
             taken = np.ones(len(self.images), bool) if layout.without is None else ~self._on_grid(layout.without)

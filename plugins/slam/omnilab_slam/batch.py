@@ -53,12 +53,12 @@ class GtsamBatch:
             width = self.kernel_width if kernel is self.kernel else None
             factors = factors_of(graph, robust(noises, loops, kernel, width))
             solved = levenberg_marquardt(factors, values, self.max_iterations, self.tolerance)
-            values, iterations, said = solved.values, iterations + solved.iterations, said + solved.said
+            values, iterations, said = solved.values, iterations + solved.iterations, said + solved.warnings
 
         def weigh(each: Floats) -> Floats:
             return weights(self.kernel, self.kernel_width, loops, each)
 
-        solved = solved._replace(iterations=iterations, said=said)
+        solved = solved._replace(iterations=iterations, warnings=said)
         return answer(graph, start, solved, weigh, factors if covariances else None)
 
 

@@ -90,7 +90,7 @@ class GrowingMap:
         self._update([anchor(first_pose)], first_pose)
 
     def add(self, pose: Floats, edges: Ints, motions: Floats, information: Floats) -> list[str]:
-        """See `omnilab.api.Growing`."""
+        """See `omnilab.api.IncrementalGraph`."""
         noises = self._settings.noises(information, np.abs(edges[:, 1] - edges[:, 0]) != 1)
         measured = zip(edges.tolist(), motions, noises, strict=True)
         try:
@@ -101,12 +101,12 @@ class GrowingMap:
         return []
 
     def pose(self, number: int) -> Floats:
-        """See `omnilab.api.Growing`."""
+        """See `omnilab.api.IncrementalGraph`."""
         tree = self._tree
         return vector_of((tree.calculateEstimatePose2 if self._planar else tree.calculateEstimatePose3)(number))
 
     def poses(self) -> Floats:
-        """See `omnilab.api.Growing`."""
+        """See `omnilab.api.IncrementalGraph`."""
         return poses_of(self._tree.calculateEstimate(), self._planar)
 
     def settle(self, updates: int) -> list[str]:

@@ -23,7 +23,7 @@ class Solved(NamedTuple):
 
     values: Any  # gtsam.Values
     iterations: int
-    said: list[str]
+    warnings: list[str]
 
 
 def parameters(max_iterations: int, tolerance: float) -> Any:
@@ -59,7 +59,7 @@ def levenberg_marquardt(factors: Any, start: Any, max_iterations: int, tolerance
 
     solved = guarded(start, solve, factors.error)
     if solved.iterations >= max_iterations:
-        solved.said.append(f"the solver stopped after max_iterations={max_iterations}; give more")
+        solved.warnings.append(f"the solver stopped after max_iterations={max_iterations}; give more")
     return solved
 
 
@@ -71,7 +71,7 @@ def answer(
     factors: Any | None = None,  # for covariances
 ) -> Optimized:
     """Polish what was solved, and report; `weigh` turns chi2 of the edges (E,) into their weights (E,)."""
-    poses, said, steps = poses_of(solved.values, graph.planar), list(solved.said), 0
+    poses, said, steps = poses_of(solved.values, graph.planar), list(solved.warnings), 0
     try:
         poses, steps = polish(graph, poses, weigh, MOST_STEPS, FLATNESS)
     except FAILURES as error:  # say, all that ties a pose was rejected

@@ -150,7 +150,7 @@ class GraphMap:
         """See `omnilab.api.ViewMap`."""
         start = self._tree.calculateEstimate()
         solved = levenberg_marquardt(self._kept, start, MOST_ITERATIONS, TOLERANCE)
-        for sentence in solved.said:
+        for sentence in solved.warnings:
             warnings.warn(f"the whole graph of views: {sentence}", stacklevel=2)
         return poses_of(solved.values, planar=True)[: self._step + 1]
 
@@ -200,7 +200,7 @@ class GraphMap:
         solved = levenberg_marquardt(self._kept, self._tree.calculateEstimate(), MOST_ITERATIONS, TOLERANCE)
         self._tree = self._planted()
         self._tree.update(self._kept, solved.values)
-        return [f"step {self._step}: {sentence}" for sentence in solved.said]
+        return [f"step {self._step}: {sentence}" for sentence in solved.warnings]
 
     def _plant_again(self) -> None:
         """A failed update breaks GTSAM's tree for good: a new one, of what the old one held."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omnilab.api import OnlineBackend, PoseGraph
+from omnilab.api import IncrementalBackend, PoseGraph
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses
 from omnilab.posegraph.files import read_graph
@@ -68,8 +68,8 @@ def test_keeps_the_contract(backend):
 
 
 def test_only_isam2_takes_poses_as_they_come():
-    assert isinstance(GtsamIsam2(), OnlineBackend)
-    assert not isinstance(GtsamBatch(), OnlineBackend)
+    assert isinstance(GtsamIsam2(), IncrementalBackend)
+    assert not isinstance(GtsamBatch(), IncrementalBackend)
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,7 @@ def test_only_isam2_takes_poses_as_they_come():
 def test_published_graphs_reach_their_optima(name, optimum, start):
     found = GtsamBatch(start=start).optimize(published(name))
     assert found.chi2 == pytest.approx(optimum, rel=1e-5)
-    assert not found.said
+    assert not found.warnings
 
 
 def test_a_small_graph_ends_where_its_authors_say():
@@ -183,7 +183,7 @@ def test_without_a_kernel_wrong_loops_ruin_the_map():
 def test_gnc_rejects_wrong_loops_and_keeps_the_others():
     graph, _ = square()
     found = GtsamGnc(start=Start.odometry).optimize(with_wrong_loops(graph, 5))
-    assert not found.said
+    assert not found.warnings
     assert (found.weights[-5:] == 0).all()
     assert found.weights[:-5].mean() > 0.95
     assert _rms(found, GtsamBatch().optimize(graph)) < 0.02
@@ -201,7 +201,7 @@ def test_manhattan_survives_a_tenth_of_wrong_loops(backend):
     graph = published("se_sync/manhattan.g2o")
     wrong = with_wrong_loops(graph, round(0.1 * is_loop(graph).sum()))
     found = backend.optimize(wrong)
-    assert not found.said
+    assert not found.warnings
     assert _rms(found, GtsamBatch().optimize(graph)) < 0.5
 
 
@@ -223,8 +223,8 @@ def test_a_solver_that_fails_is_said_and_the_poses_stay(monkeypatch):
     for name, backend in (("LevenbergMarquardtOptimizer", GtsamBatch()), ("GncLMOptimizer", GtsamGnc())):
         monkeypatch.setattr(gtsam, name, Torn)
         found = backend.optimize(graph)
-        assert "Indeterminate linear system detected" in found.said[0]
-        assert "kept" in found.said[0]
+        assert "Indeterminate linear system detected" in found.warnings[0]
+        assert "kept" in found.warnings[0]
         assert found.chi2 <= found.chi2_before
 
 
@@ -247,7 +247,7 @@ def test_a_solver_that_diverges_is_said_and_the_poses_stay(monkeypatch):
 
     monkeypatch.setattr(gtsam, "LevenbergMarquardtOptimizer", Diverging)
     found = GtsamBatch().optimize(graph)
-    assert "diverged" in found.said[0]
+    assert "diverged" in found.warnings[0]
     assert found.chi2 <= found.chi2_before
 
 
@@ -287,15 +287,15 @@ def test_last_steps_and_covariances_that_fail_are_said(monkeypatch):
     monkeypatch.setattr(gtsam, "Marginals", fail)
     graph, _ = square(laps=1)
     found = GtsamBatch().optimize(graph, covariances=True)
-    assert ["singular" in sentence for sentence in found.said] == [True, True]
+    assert ["singular" in sentence for sentence in found.warnings] == [True, True]
     assert found.covariances is None
     assert found.chi2 <= found.chi2_before
-    assert "no covariances" in GtsamIsam2().optimize(graph, covariances=True).said[0]
+    assert "no covariances" in GtsamIsam2().optimize(graph, covariances=True).warnings[0]
 
 
 def test_too_few_iterations_are_said():
     graph = with_wrong_loops(square()[0], 5)
-    assert "max_iterations=1" in GtsamBatch(max_iterations=1).optimize(graph).said[0]
+    assert "max_iterations=1" in GtsamBatch(max_iterations=1).optimize(graph).warnings[0]
 
 
 def test_lago_is_for_planar_graphs():

@@ -10,8 +10,8 @@ import pytest
 from scipy.optimize import least_squares
 
 from omnilab.api import (
-    Arrangement,
     Circle,
+    Embedding,
     Frames,
     GridPoses,
     Match,
@@ -81,7 +81,7 @@ class Painted:
 class Shifting(Painted):
     """The same, and says that turns shift it."""
 
-    turned = "shifts"
+    rotation = "equivariant"
 
 
 @dataclass
@@ -150,21 +150,21 @@ class Scaling:
     def locate(self, queries, index):
         raise AssertionError("a study of maps asks for maps")
 
-    def arrange(self, distance, rng, steps=0):
+    def embed(self, distance, rng, steps=0):
         self.asked.append(len(distance))
         center = np.eye(distance.shape[1]) - 1 / distance.shape[1]
         value, axis = np.linalg.eigh(-0.5 * center @ distance**2 @ center)
         position = axis[..., -2:] * np.sqrt(np.maximum(value[:, None, -2:], 0))
         states = np.linspace(0, 1, steps)[:, None, None, None] * position if steps else None
-        return Arrangement(position, np.zeros(len(distance)), np.ones(len(distance), int), states)
+        return Embedding(position, np.zeros(len(distance)), np.ones(len(distance), int), states)
 
 
 @dataclass
 class Shaken(Scaling):
     """The same, but every point is moved by what the start draws."""
 
-    def arrange(self, distance, rng, steps=0):
-        made = super().arrange(distance, rng, steps)
+    def embed(self, distance, rng, steps=0):
+        made = super().embed(distance, rng, steps)
         return replace(made, position=made.position + 5 * rng.standard_normal((distance.shape[1], 2)))
 
 

@@ -69,7 +69,7 @@ class Read:
 
     view = "mirror"
     color = False
-    turned = "changes"
+    rotation = "none"
     default_distance = "euclidean"
 
     def describe(self, images):
@@ -168,7 +168,7 @@ def test_both_keep_the_contract():
 def test_rates_areas_and_breakdowns_are_those_that_geometry_gives():
     report = PUSHED.run(parts_of(), Recorder(), np.random.default_rng(3))
     rows = {(c, d, level): i for i, (c, d, level) in enumerate(zip(
-        *(report.tables["levels"][key] for key in ("contestant", "disturbance", "level")), strict=True))}  # fmt: skip
+        *(report.tables["levels"][key] for key in ("method", "disturbance", "level")), strict=True))}  # fmt: skip
     nearest = np.array(report.tables["levels"]["nearest_rate"])
     # nodes every 20 levels, and queries between the first and the last: pushed by a quarter of a cell a quarter of each
     # cell but the last answers the next node, pushed by a whole cell only the right half of the last cell stays

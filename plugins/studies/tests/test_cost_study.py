@@ -34,7 +34,7 @@ def test_bytes_and_rates_are_metrics(parts):
 
 def test_times_are_in_a_table(parts):
     table = run(parts).tables["times"]
-    assert table["contestant"] == ["painted", "taught", "blind"]
+    assert table["method"] == ["painted", "taught", "blind"]
     for name in ("view_ms", "describe_ms", "prepare_ms", "query_ms"):
         assert all(value > 0 for value in table[name])
     assert table["fit_s"][0] == 0 < table["fit_s"][1]
@@ -57,7 +57,7 @@ def test_what_does_not_fit_is_left_out(parts, plain):
     parts.distances.update(apart=plain["Apart"](), picky=plain["Picky"](), turning=plain["Turning"]())
     report = run(parts)
     metrics = {m.name: m.value for m in report.metrics}
-    assert (metrics["contestants"], metrics["misfits"]) == (4, 5)  # the blind one tells no distance from another
+    assert (metrics["methods"], metrics["misfits"]) == (4, 5)  # the blind one tells no distance from another
     assert set(report.figures) == {"times", "pareto"}
 
 

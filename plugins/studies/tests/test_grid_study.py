@@ -58,7 +58,7 @@ class Read:
 
     view = "mirror"
     color = False
-    turned = "changes"
+    rotation = "none"
     default_distance = "euclidean"
 
     def describe(self, images):

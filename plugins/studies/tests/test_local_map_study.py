@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omnilab.api import Arrangement, Graph, Parts, RandomPoses, Signatures
+from omnilab.api import Embedding, Graph, Parts, RandomPoses, Signatures
 from omnilab.errors import ConfigError, DataError
 from omnilab.runner.recorder import Recorder
 from omnilab.testing import check_study
@@ -52,7 +52,7 @@ def turned(points, angle, mirror, scale, shift):
 
 
 def trial(planes, points):
-    made = [Arrangement(plane[None], np.zeros(1), np.ones(1, int)) for plane in planes]
+    made = [Embedding(plane[None], np.zeros(1), np.ones(1, int)) for plane in planes]
     case = Case(0.2, len(points) - 1, "any", "any")
     return trial_of(case, made, points[None, :-1], points[None, -1], 9, Times(0, 0, 0))
 
@@ -142,7 +142,7 @@ def test_what_does_not_go_together_is_left_out_and_said(parts, plain):
     descriptors = {"painted": plain["Painted"](), "shifting": plain["Shifting"]()}
     distances = {"apart": plain["Apart"](), "picky": plain["Picky"]()}
     report = run(replace(parts, descriptors=descriptors, distances=distances), record)
-    assert report.tables["local_maps"]["contestant"] == ["painted + apart"]
+    assert report.tables["local_maps"]["method"] == ["painted + apart"]
     said = " ".join(r.text for path, r, _ in record.logged if path == "log")
     assert "painted + picky: signatures of shape (4,)" in said
     assert "shifting + apart: the camera turns between images" in said

@@ -24,7 +24,7 @@ class Lazy:
 
     def optimize(self, graph, covariances=False):
         value = chi2(graph)
-        return Optimized(graph.poses, value, value, 0, np.ones(len(graph.edges)), said=["too lazy"])
+        return Optimized(graph.poses, value, value, 0, np.ones(len(graph.edges)), warnings=["too lazy"])
 
 
 @dataclass

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.sparse.csgraph import csgraph_from_dense, shortest_path
 
-from omnilab.api import Arrangement, Match, Parts, PathPoses
+from omnilab.api import Embedding, Match, Parts, PathPoses
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of
 from omnilab.runner.recorder import Recorder
@@ -53,7 +53,7 @@ def grid(columns, rows, step=1.0):
 
 
 def a_map(found, truth, step=1.0):
-    made = Arrangement(np.asarray(found, float)[None], np.zeros(1), np.ones(1, int))
+    made = Embedding(np.asarray(found, float)[None], np.zeros(1), np.ones(1, int))
     return WholeMap(WholeCase(step, "any", 0, "any"), truth, np.zeros((len(truth), len(truth))), made, 0.0)
 
 
@@ -156,7 +156,7 @@ def test_headings_are_those_asked_for(parts):
 
 def test_turned_cameras_need_a_distance_that_looks_for_turns(parts, plain):
     shifting = replace(parts, descriptors={"painted": plain["Shifting"]()})
-    assert run(shifting).tables["topological_maps"]["contestant"] == ["painted"] * 2
+    assert run(shifting).tables["topological_maps"]["method"] == ["painted"] * 2
     with pytest.raises(DataError, match="the camera turns between images"):
         run(shifting, random_headings=True)
 

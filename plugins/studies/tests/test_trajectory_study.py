@@ -86,10 +86,10 @@ class Told:
     noise: float = 0.0
     fails: list[int] = field(default_factory=list)
 
-    def look(self, frames):
+    def extract(self, frames):
         return [int(i[8, 8]) - 10 if i.any() else Unusable("black") for i in frames.images]
 
-    def motion(self, before, now, rng):
+    def estimate(self, before, now, rng):
         if now in self.fails:
             return Motion(np.full(3, np.nan), np.eye(3), self.unit, "nothing matches")
         vector = true_motion(before, now) * [self.factor, self.factor, 1] + self.noise * rng.standard_normal(3)
@@ -118,7 +118,7 @@ class Seen:
         self.settings, self.count = settings, 0
         self.steps = []
 
-    def recall(self, frames, look, step, rng):
+    def query(self, frames, look, step, rng):
         node, self.count = self.count, self.count + 1
         self.steps.append(step)
         nodes = [node - LAP] * (node >= LAP) + [old for new, old in self.settings.wrong.items() if new == node]
@@ -192,7 +192,7 @@ def test_loops_mend_what_odometry_spoils(run):
 def test_a_mirrored_way_is_not_aligned(run):
     @dataclass
     class Mirrored(Told):
-        def motion(self, before, now, rng):
+        def estimate(self, before, now, rng):
             told = super().motion(before, now, rng)
             return replace(told, vector=told.vector * [1, -1, -1])
 
@@ -269,7 +269,7 @@ def test_a_backend_that_takes_no_poses_as_they_come_is_refused(run):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "warnings"),
     [
         ({"images": Source.grid}, "makes no trajectory"),
         ({"jitter": 0.5}, "change the order"),

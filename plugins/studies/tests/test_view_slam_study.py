@@ -67,10 +67,10 @@ class Exact:
     noise: float = 0.0
     fails: bool = False
 
-    def look(self, frames):
+    def extract(self, frames):
         return list(frames.T_world_camera)
 
-    def motion(self, before, now, rng):
+    def estimate(self, before, now, rng):
         (vector,) = vectors((inverse(before) @ now)[None], planar=True)
         if self.fails:
             return Motion(np.full(3, np.nan), np.eye(3), "m", "stuck")
@@ -81,10 +81,10 @@ class Exact:
 class Seeing(Exact):
     """Relates two images: the nearer they were taken the more matches agree."""
 
-    def look(self, frames):
+    def extract(self, frames):
         return [T if i.any() else Unusable("black") for T, i in zip(frames.T_world_camera, frames.images, strict=True)]
 
-    def motion(self, before, now, rng):
+    def estimate(self, before, now, rng):
         (vector,) = vectors((inverse(before) @ now)[None], planar=True)
         agree = np.arange(100) < 100 * np.exp(-np.hypot(*vector[:2]))
         matches = np.full((100, 2, 2), 0.5)
@@ -178,7 +178,7 @@ def test_what_is_observed_are_the_true_angles():
     rng = np.random.default_rng(0)
     truth, sensor = way(), Ring()
     (frames,) = [f for f in sensor.frames(sensor.plan(RecordedPoses())) if f.plan_index[0] == 0]
-    looks = Seeing().look(frames)
+    looks = Seeing().extract(frames)
     relate = lambda i, j: Seeing().motion(looks[i], looks[j], rng)
     start = vectors(truth[:1], planar=True)[0]
     mapper = ViewMapper(Believing(), Association(nearest_m=0.0, similarity=0.9), relate, start)
@@ -279,7 +279,7 @@ def test_files_and_tables_hold_every_way():
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "warnings"),
     [
         ({"odometries": {}}, "odometries.views=planar_epipolar"),
         ({"view_filters": {}}, "needs view filters"),

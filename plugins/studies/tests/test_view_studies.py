@@ -253,7 +253,7 @@ def test_following_odometry_is_odometry(small):
     assert trace.wrong == sum(done.wrong[at] for at in seen)
     assert trace.wrong_gated == sum(done.wrong[at] and at[1] % 2 == 0 for at in seen)
     assert trace.gated == sum(not done.wrong[at] and at[1] % 2 == 0 for at in seen)
-    assert trace.said == ["off we go"]
+    assert trace.warnings == ["off we go"]
     assert trace_nees(trace, done).shape == (len(done.truth) - 1,)
 
 
@@ -271,7 +271,7 @@ def test_view_range_keeps_the_contract_and_measures_odometry(small):
     assert report.tables["ranges"]["worse_m"] == [0, 0, 0, 0]
     assert report.tables["drives"]["drive"] == [0, 1, 2, 0, 1] * 2
     assert found["one_small_rms"] == pytest.approx(np.mean(report.tables["drives"]["rms_m"][5:8]))
-    assert found["said"] == 2 * 3 + 2 * 2
+    assert found["warnings"] == 2 * 3 + 2 * 2
     assert set(report.figures) == {"ranges", "nees", "drive"}
     paths = {path for path, _, _ in log.records}
     assert {"truth", "odometry", "walls", "way", "views", "candidates", "bearings", "robot", "summary"} <= paths

@@ -27,7 +27,7 @@ class FourierSignature:
     color: bool = False  # each channel of RGB for itself
 
     view: ClassVar[str] = "panorama"
-    turned: ClassVar[str] = "same"
+    rotation: ClassVar[str] = "invariant"
     default_distance: ClassVar[str] = "cityblock"
 
     def __post_init__(self) -> None:

@@ -31,7 +31,7 @@ class Gist:
     color: bool = False  # each channel of RGB for itself
 
     view: ClassVar[str] = "panorama"
-    turned: ClassVar[str] = "same"
+    rotation: ClassVar[str] = "invariant"
     default_distance: ClassVar[str] = "pearson"
 
     def __post_init__(self) -> None:

@@ -46,7 +46,7 @@ class Onnx:
     normalize: bool = True  # to unit length
 
     view: ClassVar[str] = "panorama"
-    turned: ClassVar[str] = "changes"
+    rotation: ClassVar[str] = "none"
     default_distance: ClassVar[str] = "cosine"
 
     def __post_init__(self) -> None:

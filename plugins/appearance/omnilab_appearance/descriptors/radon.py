@@ -30,7 +30,7 @@ class Radon:
     color: bool = False  # each channel of RGB for itself, (N, 3 offsets, angles)
 
     view: ClassVar[str] = "mirror"
-    turned: ClassVar[str] = "shifts"
+    rotation: ClassVar[str] = "equivariant"
     default_distance: ClassVar[str] = "poc_band"
 
     def __post_init__(self) -> None:

@@ -32,7 +32,7 @@ class RadonGist:
     color: bool = False  # each channel of RGB for itself
 
     view: ClassVar[str] = "mirror"
-    turned: ClassVar[str] = "same"
+    rotation: ClassVar[str] = "invariant"
     default_distance: ClassVar[str] = "euclidean"
 
     def __post_init__(self) -> None:

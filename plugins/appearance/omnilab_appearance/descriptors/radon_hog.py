@@ -27,7 +27,7 @@ class RadonHog:
     color: bool = False  # each channel of RGB for itself
 
     view: ClassVar[str] = "mirror"
-    turned: ClassVar[str] = "same"
+    rotation: ClassVar[str] = "invariant"
     default_distance: ClassVar[str] = "cosine"
 
     def __post_init__(self) -> None:

@@ -29,7 +29,7 @@ class Ring:
     color: bool = False  # each channel of RGB for itself
 
     view: ClassVar[str] = "mirror"
-    turned: ClassVar[str] = "shifts"
+    rotation: ClassVar[str] = "equivariant"
     default_distance: ClassVar[str] = "poc_band"
 
     def __post_init__(self) -> None:

@@ -26,7 +26,7 @@ class RingKey:
     color: bool = False  # each channel of RGB for itself
 
     view: ClassVar[str] = "panorama"
-    turned: ClassVar[str] = "same"
+    rotation: ClassVar[str] = "invariant"
     default_distance: ClassVar[str] = "euclidean"
 
     def __post_init__(self) -> None:

@@ -38,7 +38,7 @@ class RotationalPca:
     basis: str | None = None  # a file that Eigenspace.save wrote; null: fitted on the map
 
     view: ClassVar[str] = "panorama"
-    turned: ClassVar[str] = "same"
+    rotation: ClassVar[str] = "invariant"
     default_distance: ClassVar[str] = "cityblock"
 
     def __post_init__(self) -> None:
@@ -106,7 +106,7 @@ class Eigenspace:
     singular: Floats  # (components,) singular values, falling
 
     view: ClassVar[str] = RotationalPca.view
-    turned: ClassVar[str] = RotationalPca.turned
+    rotation: ClassVar[str] = RotationalPca.rotation
     default_distance: ClassVar[str] = RotationalPca.default_distance
 
     @property

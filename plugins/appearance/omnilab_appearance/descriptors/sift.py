@@ -25,7 +25,7 @@ class Sift:
 
     view: ClassVar[str] = "mirror"
     color: ClassVar[bool] = False
-    turned: ClassVar[str] = "changes"
+    rotation: ClassVar[str] = "none"
     default_distance: ClassVar[str] = "features_turned"
 
     def __post_init__(self) -> None:

@@ -24,7 +24,7 @@ class TinyImage:
     color: bool = False  # each channel of RGB for itself
 
     view: ClassVar[str] = "panorama"
-    turned: ClassVar[str] = "shifts"
+    rotation: ClassVar[str] = "equivariant"
     default_distance: ClassVar[str] = "poc_band"
 
     def __post_init__(self) -> None:

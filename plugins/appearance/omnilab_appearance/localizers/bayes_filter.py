@@ -61,9 +61,9 @@ class Filter:
 
     def locate(self, queries: Signatures, index: Following) -> Estimates:
         """Each query after the one before, the motion unknown."""
-        return self.follow(queries, index, np.full((len(queries), 3), np.nan))
+        return self.track(queries, index, np.full((len(queries), 3), np.nan))
 
-    def follow(self, queries: Signatures, index: Following, motion: Floats) -> Estimates:
+    def track(self, queries: Signatures, index: Following, motion: Floats) -> Estimates:
         """Each query after the one before; motion (Q, 3) forward, left, counter-clockwise up to each, NaN if not known."""
         assert index.places.T_world_camera is not None
         match = index.distance.match(queries, index.prepared)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from omnilab.api import Arrangement, Distance, Estimates, Floats, Ints, Places, Signatures
+from omnilab.api import Distance, Embedding, Estimates, Floats, Ints, Places, Signatures
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import procrustes, spanned
 from omnilab_appearance.localizers.nearest import Nearest
@@ -73,13 +73,13 @@ class LocalMap(ABC):
         _tell(spanned(known[..., :2]) < 2, "queries have their neighbours on one line, which their maps may be mirrored at;"
               " give more neighbours, or places in two dimensions")  # fmt: skip
         pairs = pairwise(queries, chosen, places.signatures, distance)
-        plane = self.arrange(pairs, np.random.default_rng(self.seed)).position
+        plane = self.embed(pairs, np.random.default_rng(self.seed)).position
         fit = procrustes(plane[:, :-1], known[..., :2])
         xy = fit.apply(plane[:, -1:])[:, 0]
         position_m = np.column_stack([xy, known[..., 2].mean(axis=1)])
         return Estimates(nearest.place, nearest.distance, position_m, nearest.heading_rad, nearest.field)
 
-    def arrange(self, distance: Floats, rng: np.random.Generator, steps: int = 0) -> Arrangement:
+    def embed(self, distance: Floats, rng: np.random.Generator, steps: int = 0) -> Embedding:
         """Place B sets of n points from distances (B, n, n), of which infinite ones do not count.
 
         All sets get the same draws of `rng`, so that a set comes out the same in any batch.
@@ -87,7 +87,7 @@ class LocalMap(ABC):
         lengths, counts = self._checked(np.asarray(distance, float))
         lengths = np.where(counts, lengths, 0.0)
         position, iterations, states = self._arrange(lengths, self._weights(lengths, counts), rng, steps)
-        return Arrangement(position, stress(position, lengths, counts), iterations, states)
+        return Embedding(position, stress(position, lengths, counts), iterations, states)
 
     @abstractmethod
     def _arrange(

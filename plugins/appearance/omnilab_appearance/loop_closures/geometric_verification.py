@@ -87,8 +87,8 @@ class VerifiedMemory:
         self._parallaxes: list[float] = []  # of some steps, root mean squares in radians
         self._heights: list[float] = []  # lengths of some steps, in heights of the camera
 
-    def recall(self, frames: Frames, look: Any, step: float, rng: np.random.Generator) -> Closures:
-        """See `omnilab.api.Memory`."""
+    def query(self, frames: Frames, look: Any, step: float, rng: np.random.Generator) -> Closures:
+        """See `omnilab.api.PlaceDatabase`."""
         s = self._settings
         sighting = self._sighting(frames, look)
         transform = Radon().describe(view_of(frames.images, frames.camera, "mirror", False)).place
@@ -131,7 +131,7 @@ class VerifiedMemory:
         if isinstance(look, Sighting):
             return look._replace(radon=None)
         check_calibrated(frames.camera, "loop_closure=hog_threshold")
-        (found,) = self._settings.geometry.look(frames)
+        (found,) = self._settings.geometry.extract(frames)
         return None if isinstance(found, Unusable) else found
 
     def _confirmed(self, node: int, now: Sighting, step: float, rng: np.random.Generator) -> Confirmed | None:

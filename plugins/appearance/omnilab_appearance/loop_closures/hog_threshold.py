@@ -60,8 +60,8 @@ class HogMemory:
         self._settings, self._hogs = settings, Remembered()
         self._transforms: list[Any] = []  # (1, N, M) float16: phases need no more
 
-    def recall(self, frames: Frames, look: Any, step: float, rng: np.random.Generator) -> Closures:  # noqa: ARG002
-        """See `omnilab.api.Memory`."""
+    def query(self, frames: Frames, look: Any, step: float, rng: np.random.Generator) -> Closures:  # noqa: ARG002
+        """See `omnilab.api.PlaceDatabase`."""
         s = self._settings
         transform = Radon().describe(view_of(frames.images, frames.camera, "mirror", False)).place
         usable = not isinstance(look, Unusable)

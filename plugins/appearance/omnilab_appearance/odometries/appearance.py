@@ -73,13 +73,13 @@ class Appearance:
             )
         Radon(self.offsets, self.angles)
 
-    def look(self, frames: Frames) -> list[Seen | Unusable]:
+    def extract(self, frames: Frames) -> list[Seen | Unusable]:
         """The Radon transform and the features of each image."""
         radon = Radon(self.offsets, self.angles).describe(view_of(frames.images, frames.camera, "mirror", False))
         found = sightings(frames, self.detector, self.features, self.least)
         return [s if isinstance(s, Unusable) else Seen(radon[i : i + 1], s) for i, s in enumerate(found)]
 
-    def motion(self, before: Seen, now: Seen, rng: np.random.Generator) -> Motion:  # noqa: ARG002
+    def estimate(self, before: Seen, now: Seen, rng: np.random.Generator) -> Motion:  # noqa: ARG002
         """Turn, length and direction; draws nothing."""
         poc = Poc()
         match = poc.match(now.radon, poc.prepare(before.radon))

@@ -68,7 +68,7 @@ class PlanarEpipolar:
         if self.height_m is not None and not 0 < self.height_m < np.inf:
             raise ConfigError(f"height_m={self.height_m:g} is no height above the floor; give metres above 0")
 
-    def look(self, frames: Frames) -> Sequence[Sighting | Unusable]:
+    def extract(self, frames: Frames) -> Sequence[Sighting | Unusable]:
         """The features of each image on the unit sphere; DataError if the camera is not calibrated."""
         check_calibrated(frames.camera, "odometry=appearance")
         seen = sightings(frames, self.detector, self.features, self.least_matches)
@@ -80,7 +80,7 @@ class PlanarEpipolar:
             for look, transform in zip(seen, transforms, strict=True)
         ]
 
-    def motion(self, before: Sighting, now: Sighting, rng: np.random.Generator) -> Motion:
+    def estimate(self, before: Sighting, now: Sighting, rng: np.random.Generator) -> Motion:
         """The motion between two sightings of one camera."""
         i, j = matched(before, now, self.ratio)
         p, q = on_sphere(before)[i], on_sphere(now)[j]

@@ -37,7 +37,7 @@ class Simulated:
         if not 0 < self.scale < np.inf:
             raise ConfigError(f"scale={self.scale:g} is no factor of lengths; give a number above 0, such as 1")
 
-    def look(self, frames: Frames) -> Sequence[Floats]:
+    def extract(self, frames: Frames) -> Sequence[Floats]:
         """The pose (4, 4) of each image; DataError without poses."""
         if frames.T_world_camera is None:
             raise DataError(
@@ -46,7 +46,7 @@ class Simulated:
             )
         return list(frames.T_world_camera)
 
-    def motion(self, before: Floats, now: Floats, rng: np.random.Generator) -> Motion:
+    def estimate(self, before: Floats, now: Floats, rng: np.random.Generator) -> Motion:
         """The true motion with noise, in metres."""
         (truth,) = vectors((inverse(before) @ now)[None], planar=True)
         truth[:2] *= self.scale

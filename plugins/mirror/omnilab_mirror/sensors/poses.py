@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from omnilab.api import Floats, GridPoses, Layout, NamedPath, PathPoses, RandomPoses, RecordedPoses
+from omnilab.api import Floats, GridPoses, NamedPath, PathPoses, PoseRequest, RandomPoses, RecordedPoses
 from omnilab.errors import DataError, did_you_mean
 from omnilab.geometry import planar_poses
 from omnilab_mirror.scene.world import World
 
 
-def poses_of(layout: Layout, world: World, height_m: float, on_floor: bool) -> tuple[Floats, list[str]]:
+def poses_of(layout: PoseRequest, world: World, height_m: float, on_floor: bool) -> tuple[Floats, list[str]]:
     """`T_world_camera` (N, 4, 4) of a layout, and what was left out with its reason.
 
     `on_floor`: the poses of grids and random layouts keep clear of furniture below them, too.

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnilab.api import Floats, Frames, Layout, Mesh, Plan
+from omnilab.api import Floats, Frames, Mesh, Plan, PoseRequest
 from omnilab.cameras import RayCamera
 from omnilab.errors import ConfigError, DataError
 
@@ -42,7 +42,7 @@ class VirtualCamera(ABC):
     def camera(self) -> RayCamera:
         """The camera model; the origin of its frame is the pose."""
 
-    def plan(self, layout: Layout) -> Plan:
+    def plan(self, layout: PoseRequest) -> Plan:
         """The layout's poses, less those inside furniture or outside the room, which `omitted` lists."""
         from omnilab_mirror.scene.world import load_world
         from omnilab_mirror.sensors.poses import poses_of

@@ -9,7 +9,7 @@ import numpy as np
 
 from omnilab.api import Bytes
 from omnilab_studies.altitude.results import LEAST_M, Altimetry, Told, by_height
-from omnilab_studies.common.comparison_plots import CURVES, _plain, look
+from omnilab_studies.common.comparison_plots import CURVES, _plain, style_of
 from omnilab_studies.common.plots import _figure as blank
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ def signs(found: Altimetry) -> Figure:
     lines = -(-len(found.levels) // columns)
     figure = blank(3.7 * columns, 2.8 * lines)
     grid = figure.subplots(lines, columns, squeeze=False, sharex=True, sharey=True).ravel()
-    style = look(found.altimeters)
+    style = style_of(found.altimeters)
     for axes, level in zip(grid, found.levels, strict=False):
         for name in found.altimeters:
             points = [(rise, 100 * rate) for who, title, rise, _, rate in rows if (who, title) == (name, level.title)]
@@ -135,7 +135,7 @@ def cost(times: Sequence[Mapping[str, Any]]) -> Figure:
     figure = blank(7.0, 4.2)
     axes = figure.subplots()
     references = list(dict.fromkeys(row["reference"] for row in times))
-    style = look(list(dict.fromkeys(row["altimeter"] for row in times)))
+    style = style_of(list(dict.fromkeys(row["altimeter"] for row in times)))
     for row in times:
         first = row["reference"] == references[0]
         filled = {} if row["reference"] == references[-1] else {"markerfacecolor": "white"}

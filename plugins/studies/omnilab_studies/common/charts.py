@@ -1,4 +1,4 @@
-"""Figures and tables in which studies compare contestants."""
+"""Figures and tables in which studies compare methods."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What contestants answered at every level, and what it amounts to."""
+"""What methods answered at every level, and what it amounts to."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from omnilab_studies.common.scores import Scored, joined
 BROKEN = 0.5  # of the rate of clear queries
 
 
-class Outcome:
-    """The answers of every contestant at every level."""
+class Comparison:
+    """The answers of every method at every level."""
 
     def __init__(self, names: Sequence[str], levels: Sequence[Level]) -> None:
         self.names, self.levels = names, levels
@@ -27,18 +27,18 @@ class Outcome:
         self._batches: dict[tuple[str, int], list[Scored]] = {}
 
     def take(self, step: int, answered: Answered) -> None:
-        name, distances = answered.contestant.name, answered.estimates.field
+        name, distances = answered.method.name, answered.estimates.field
         self._batches.setdefault((name, step), []).append(answered.scored)
         if step == 0 and name not in self.fields and distances is not None:
             self.fields[name] = distances[0]
 
     def at(self, step: int) -> dict[str, Scored]:
-        """All answers at one level, by contestant."""
+        """All answers at one level, by method."""
         return {name: joined(self._batches.get((name, step), [])) for name in self.names}
 
     @cached_property
     def rates(self) -> dict[str, Floats]:
-        """Rates of nearest answers (levels,) of each contestant."""
+        """Rates of nearest answers (levels,) of each method."""
         steps = [self.at(step) for step in range(len(self.levels))]
         return {name: np.array([float(np.mean(s[name].verdict == "nearest")) for s in steps]) for name in self.names}
 
@@ -61,14 +61,14 @@ class Outcome:
         return [i for i, level in enumerate(self.levels) if level.disturbance == disturbance]
 
     def table(self) -> dict[str, list[Any]]:
-        """One row a contestant and level."""
+        """One row a method and level."""
         rows = [_row(name, level, self.at(i)[name]) for i, level in enumerate(self.levels) for name in self.names]
         return columns_of(rows)
 
 
 def _row(name: str, level: Level, scored: Scored) -> dict[str, Any]:
     return {
-        "contestant": name,
+        "method": name,
         "disturbance": level.disturbance,
         "setting": level.setting,
         "level": level.value,
@@ -82,7 +82,7 @@ def _row(name: str, level: Level, scored: Scored) -> dict[str, Any]:
 
 
 def key_of(name: str) -> str:
-    """A contestant's name as a part of others."""
+    """A method's name as a part of others."""
     return name.replace(" + ", "_")
 
 
@@ -90,33 +90,33 @@ def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
     return {key: [row[key] for row in rows] for key in rows[0]}
 
 
-def summary_of(outcome: Outcome, costs: Mapping[str, Cost]) -> list[dict[str, Any]]:
-    """One row a contestant."""
-    clear = outcome.at(0)
+def summary_of(comparison: Comparison, costs: Mapping[str, Cost]) -> list[dict[str, Any]]:
+    """One row a method."""
+    clear = comparison.at(0)
     return [
         {
-            "contestant": name,
+            "method": name,
             "clear_rate": float(np.mean(clear[name].verdict == "nearest")),
-            "area": outcome.area(name),
-            **{f"area_{d}": outcome.area(name, d) for d in outcome.disturbances},
-            **{f"breakdown_{d}": outcome.breakdown(name, d) for d in outcome.disturbances},
+            "area": comparison.area(name),
+            **{f"area_{d}": comparison.area(name, d) for d in comparison.disturbances},
+            **{f"breakdown_{d}": comparison.breakdown(name, d) for d in comparison.disturbances},
             "sharpness": float(clear[name].sharpness.mean()),
             "heading_error_median_deg": float(np.median(clear[name].heading_error_deg)),
             "bytes_per_place": costs[name].bytes_per_place,
             "describe_ms": costs[name].describe_ms,
             "locate_ms": costs[name].locate_ms,
         }
-        for name in outcome.names
+        for name in comparison.names
     ]
 
 
-def metrics_of(outcome: Outcome, costs: Mapping[str, Cost]) -> list[Metric]:
+def metrics_of(comparison: Comparison, costs: Mapping[str, Cost]) -> list[Metric]:
     """Areas first: they are what tables of runs show."""
-    found = [Metric(f"{key_of(name)}_area", outcome.area(name), "1") for name in outcome.names]
-    for name, scored in outcome.at(0).items():
+    found = [Metric(f"{key_of(name)}_area", comparison.area(name), "1") for name in comparison.names]
+    for name, scored in comparison.at(0).items():
         key = key_of(name)
-        found.append(Metric(f"{key}_clear_rate", float(outcome.rates[name][0]), "1"))
-        found += [Metric(f"{key}_area_{d}", outcome.area(name, d), "1") for d in outcome.disturbances]
+        found.append(Metric(f"{key}_clear_rate", float(comparison.rates[name][0]), "1"))
+        found += [Metric(f"{key}_area_{d}", comparison.area(name, d), "1") for d in comparison.disturbances]
         if scored.has_headings:
             error = float(np.median(scored.heading_error_deg))
             found.append(Metric(f"{key}_heading_error_median", error, "deg"))
@@ -128,7 +128,7 @@ def metrics_of(outcome: Outcome, costs: Mapping[str, Cost]) -> list[Metric]:
 
 def markdown_of(summary: Sequence[Mapping[str, Any]], levels: Sequence[Level], rates: Mapping[str, Floats]) -> str:
     """Rates of every level, and the rest of what was found."""
-    names = [str(row["contestant"]) for row in summary]
+    names = [str(row["method"]) for row in summary]
     lines = ["## Robustness", "", f"| nearest | {' | '.join(names)} |", "|---" * (len(names) + 1) + "|"]
     for i, level in enumerate(levels):
         lines.append(f"| {level.title} | {' | '.join(f'{rates[name][i]:.3f}' for name in names)} |")

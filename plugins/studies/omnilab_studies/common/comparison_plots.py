@@ -1,4 +1,4 @@
-"""Figures that compare contestants."""
+"""Figures that compare methods."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ CURVES = ["#2563a8", "#d1403f", "#2a9d5c", "#e9a320", "#7d4fa3", "#17a2b0", "#8b
 MARKERS = "osD^vP*Xph"
 
 
-def look(names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """A colour and a marker for each contestant, the same in all figures."""
+def style_of(names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """A colour and a marker for each method, the same in all figures."""
     return {
         name: {"color": CURVES[i % len(CURVES)], "marker": MARKERS[i % len(MARKERS)]} for i, name in enumerate(names)
     }
@@ -50,10 +50,10 @@ def rates(found: Mapping[str, Floats], levels: Sequence[Level], queries: int) ->
     lines = -(-(len(rows) + 1) // columns)
     figure = blank(4.0 * columns, 3.1 * lines)
     grid = figure.subplots(lines, columns, squeeze=False, sharey=True).ravel()
-    style = look(list(found))
+    style = style_of(list(found))
     for axes, (name, steps) in zip(grid, rows.items(), strict=False):
-        for contestant, values in found.items():
-            axes.plot(100 * values[[0, *steps]], label=contestant, linewidth=1.8, markersize=6, **style[contestant])
+        for method, values in found.items():
+            axes.plot(100 * values[[0, *steps]], label=method, linewidth=1.8, markersize=6, **style[method])
         ticks = ["clear", *(_value(levels[i]) for i in steps)]
         axes.set_xticks(range(len(ticks)), ticks)
         axes.set(ylim=(0, 103), title=name.replace("_", " "), xlabel=levels[steps[0]].setting.replace("_", " "))
@@ -69,10 +69,10 @@ def rates(found: Mapping[str, Floats], levels: Sequence[Level], queries: int) ->
 
 
 def sharpness(found: Mapping[str, Floats]) -> Figure:
-    """C of every clear query (Q,), by contestant: a dot each, and the mean (thesis, eq. 4.6)."""
+    """C of every clear query (Q,), by method: a dot each, and the mean (thesis, eq. 4.6)."""
     figure = blank(6.4, 1.1 + 0.55 * len(found))
     axes = figure.subplots()
-    style = look(list(found))
+    style = style_of(list(found))
     for y, (name, values) in enumerate(found.items()):
         spread = 0.18 * np.sin(np.arange(len(values)) * 2.4)  # so that dots do not hide one another
         axes.plot(100 * values, y + spread, ".", color=style[name]["color"], alpha=0.35, markersize=4)
@@ -86,7 +86,7 @@ def sharpness(found: Mapping[str, Floats]) -> Figure:
 
 
 def surfaces(places_m: Floats, fields: Mapping[str, Floats], truth_m: Floats) -> Figure:
-    """The distances of the first clear query to all places, each contestant on its own scale (thesis, figure 4.24)."""
+    """The distances of the first clear query to all places, each method on its own scale (thesis, figure 4.24)."""
     columns = min(len(fields), 5)
     rows = -(-len(fields) // columns)
     figure = blank(2.6 * columns, 2.9 * rows)
@@ -117,7 +117,7 @@ def pareto(costs: Mapping[str, Cost], accuracy: Mapping[str, float], title: str)
 
 
 def _front(axes: Axes, cost: Mapping[str, float], accuracy: Mapping[str, float]) -> None:
-    for name, style in look(list(cost)).items():
+    for name, style in style_of(list(cost)).items():
         axes.plot(cost[name], 100 * accuracy[name], linestyle="", markersize=9, label=name, zorder=2, **style)
     best = [
         name for name in cost

@@ -16,8 +16,6 @@ from omnilab.api import (
     Frames,
     Image,
     Ints,
-    Learner,
-    Learnt,
     Metric,
     Parts,
     Places,
@@ -27,6 +25,8 @@ from omnilab.api import (
     Signature,
     Signatures,
     Tick,
+    Trainable,
+    TrainedDescriptor,
 )
 from omnilab.errors import DataError, PluginError
 from omnilab.image import panorama, view_of
@@ -100,7 +100,7 @@ def describe(descriptor: Descriptor, frames: Frames, record: Recorder) -> Signat
 def fitted(parts: Parts, plan: Plan, record: Recorder) -> Parts:
     """The parts with a descriptor that has seen the map, where it must: one that learns is fitted on the plan's frames."""
     learner = parts.descriptor
-    if not isinstance(learner, Learner):
+    if not isinstance(learner, Trainable):
         return parts
     frames = deliver(parts, plan, record, "fit")
     views = np.concatenate([view_of(f.images, f.camera, learner.view, learner.color) for f in frames])
@@ -130,7 +130,7 @@ def describe_places(parts: Parts, plan: Plan, record: Recorder, stage: str = "pl
             poses.append(frames.T_world_camera)
     if signatures is None:
         raise DataError("the sensor delivered no places for the study's layout; give a larger area or a smaller step")
-    learnt = parts.descriptor.state() if isinstance(parts.descriptor, Learnt) else {}
+    learnt = parts.descriptor.state() if isinstance(parts.descriptor, TrainedDescriptor) else {}
     return Places(signatures[slice(count)], np.concatenate(poses) if poses else None, keys, learnt), omitted
 
 

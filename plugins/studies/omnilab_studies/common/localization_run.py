@@ -20,10 +20,10 @@ from omnilab.api import (
     Places,
     Plan,
     Recorder,
+    SequenceLocalizer,
     Series,
     Signatures,
     Tick,
-    Tracker,
 )
 from omnilab.geometry import heading_of
 from omnilab.metrics import spacing
@@ -55,7 +55,7 @@ class Example:
 
 
 @dataclass
-class Asking:
+class LocalizationRun:
     """A map ready to be asked, and how what it answers is shown: pictures of about `show` queries, numbers of all."""
 
     parts: Parts
@@ -74,8 +74,8 @@ class Asking:
     def locate(self, signatures: Signatures, motion: Floats | None = None) -> Estimates:
         """What the localizer answers; a tracker is told the motion (Q, 3) up to each query where it is given."""
         localizer = self.parts.localizer
-        if motion is not None and isinstance(localizer, Tracker):
-            return localizer.follow(signatures, self._index, motion)
+        if motion is not None and isinstance(localizer, SequenceLocalizer):
+            return localizer.track(signatures, self._index, motion)
         return localizer.locate(signatures, self._index)
 
     def ask(self, plan: Plan, seed: int, motion: Floats | None = None) -> Scored:

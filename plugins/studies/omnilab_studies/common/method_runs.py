@@ -1,4 +1,4 @@
-"""Contestants on one map, asked the same queries."""
+"""Methods on one map, asked the same queries."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from typing import Any, NamedTuple
 from omnilab.api import Descriptor, Estimates, Frames, Parts, Places, Plan, Recorder, Signatures
 from omnilab.metrics import spacing
 from omnilab_studies.common.describing import describe, describe_places, fitted
-from omnilab_studies.common.methods import Contestant, contestants, descriptors_of
+from omnilab_studies.common.methods import Method, descriptors_of, methods_of
 from omnilab_studies.common.scores import Scored, known_poses, score
 
 
 class Answered(NamedTuple):
-    """What one contestant answers to a batch of queries."""
+    """What one method answers to a batch of queries."""
 
-    contestant: Contestant
+    method: Method
     signatures: Signatures
     estimates: Estimates
     scored: Scored
 
 
 class Cost(NamedTuple):
-    """What a contestant costs: the bytes of a place, and milliseconds to describe and to localise one query."""
+    """What a method costs: the bytes of a place, and milliseconds to describe and to localise one query."""
 
     bytes_per_place: float
     describe_ms: float
@@ -36,26 +36,26 @@ class Cost(NamedTuple):
         return self.describe_ms + self.locate_ms
 
 
-class Rivals:
-    """Contestants with their maps. Each descriptor describes an image once, whatever distances compare it."""
+class MethodRuns:
+    """Methods with their maps. Each descriptor describes an image once, whatever distances compare it."""
 
     def __init__(self, parts: Parts, plan: Plan, record: Recorder) -> None:
-        self.contestants = contestants(parts)
+        self.methods = methods_of(parts)
         self._localizer, self._record = parts.localizer, record
         self._descriptors: dict[str, Descriptor] = {}
         self._places: dict[str, Places] = {}
         self._spent: dict[str, list[float]] = defaultdict(lambda: [0.0, 0.0])  # seconds and queries of each stage
-        for name, descriptor in descriptors_of(self.contestants).items():
+        for name, descriptor in descriptors_of(self.methods).items():
             own = fitted(replace(parts, descriptor=descriptor), plan, record)
             self._descriptors[name] = own.descriptor
             self._places[name], _ = describe_places(own, plan, record, f"places, {name}")
         self._step_m = spacing(known_poses(plan.T_world_camera, "places")[:, :3, 3])
         self._maps: dict[str, Any] = {
-            c.name: self._localizer.prepare(self._places[c.descriptor_name], c.distance) for c in self.contestants
+            c.name: self._localizer.prepare(self._places[c.descriptor_name], c.distance) for c in self.methods
         }
 
     def answers(self, frames: Frames) -> Iterator[Answered]:
-        """What every contestant answers, scored."""
+        """What every method answers, scored."""
         yield from self.answers_of(list(self._descriptors), frames)
 
     def answers_of(self, descriptor_names: list[str], frames: Frames) -> Iterator[Answered]:
@@ -65,20 +65,20 @@ class Rivals:
             signatures = describe(self._descriptors[name], frames, self._record)
             self._spend(name, start, frames)
             places_m = known_poses(self._places[name].T_world_camera, "places")[:, :3, 3]
-            for contestant in (c for c in self.contestants if c.descriptor_name == name):
+            for method in (c for c in self.methods if c.descriptor_name == name):
                 start = time.perf_counter()
                 with self._record.timed("localise", len(frames)):
-                    estimates = self._localizer.locate(signatures, self._maps[contestant.name])
-                self._spend(f"locate {contestant.name}", start, frames)
-                yield Answered(contestant, signatures, estimates, score(frames, estimates, places_m, self._step_m))
+                    estimates = self._localizer.locate(signatures, self._maps[method.name])
+                self._spend(f"locate {method.name}", start, frames)
+                yield Answered(method, signatures, estimates, score(frames, estimates, places_m, self._step_m))
 
-    def cost(self, contestant: Contestant) -> Cost:
-        """What a contestant cost so far."""
-        places = self._places[contestant.descriptor_name]
+    def cost(self, method: Method) -> Cost:
+        """What a method cost so far."""
+        places = self._places[method.descriptor_name]
         return Cost(
             places.signatures.nbytes / len(places),
-            self._each_ms(contestant.descriptor_name),
-            self._each_ms(f"locate {contestant.name}"),
+            self._each_ms(method.descriptor_name),
+            self._each_ms(f"locate {method.name}"),
         )
 
     def _spend(self, stage: str, start: float, frames: Frames) -> None:

@@ -15,7 +15,7 @@ from omnilab_studies.common.describing import describe, evenly, fitted
 PROBES = 8  # signatures on which a distance is tried
 
 
-class Contestant(NamedTuple):
+class Method(NamedTuple):
     """A descriptor with a distance, under a name of its own."""
 
     name: str  # descriptor, or descriptor + distance where there are several distances
@@ -25,7 +25,7 @@ class Contestant(NamedTuple):
     distance_name: str
 
 
-def contestants(parts: Parts) -> list[Contestant]:
+def methods_of(parts: Parts) -> list[Method]:
     """Every one of `descriptors` with every one of `distances`, or with its own distance where none are given.
 
     A distance with the name of a descriptor is for that one alone. Without `descriptors` it is the run's one descriptor
@@ -37,21 +37,21 @@ def contestants(parts: Parts) -> list[Contestant]:
                 "the study compares descriptors, and none is chosen; give descriptor=NAME, or several with"
                 " +descriptor@descriptors.ANY=NAME"
             )
-        return [Contestant("descriptor", "descriptor", parts.descriptor, parts.distance, "distance")]
+        return [Method("descriptor", "descriptor", parts.descriptor, parts.distance, "distance")]
     shared = {m: distance for m, distance in parts.distances.items() if m not in parts.descriptors}
     found = []
     for n, descriptor in parts.descriptors.items():
         if n in parts.distances or not shared:
             own = parts.distances.get(n, parts.default_distances[n])
-            found.append(Contestant(n, n, descriptor, own, n if n in parts.distances else descriptor.default_distance))
+            found.append(Method(n, n, descriptor, own, n if n in parts.distances else descriptor.default_distance))
             continue
-        found += [Contestant(f"{n} + {m}" if len(shared) > 1 else n, n, descriptor, d, m) for m, d in shared.items()]
+        found += [Method(f"{n} + {m}" if len(shared) > 1 else n, n, descriptor, d, m) for m, d in shared.items()]
     return found
 
 
-def descriptors_of(rivals: Iterable[Contestant]) -> dict[str, Descriptor]:
-    """The descriptors of contestants, each once, by name."""
-    return {rival.descriptor_name: rival.descriptor for rival in rivals}
+def descriptors_of(methods: Iterable[Method]) -> dict[str, Descriptor]:
+    """The descriptors of methods, each once, by name."""
+    return {method.descriptor_name: method.descriptor for method in methods}
 
 
 def settings_of(component: Any) -> str:
@@ -70,10 +70,10 @@ def fitted_all(parts: Parts, plan: Plan, record: Recorder) -> Parts:
     return replace(fitted(parts, plan, record), descriptors=own)
 
 
-def describe_all(rivals: Iterable[Contestant], frames: Frames, record: Recorder) -> dict[str, Signatures]:
-    """Signatures of frames by every contestant's descriptor, each described once and timed on its own."""
+def describe_all(methods: Iterable[Method], frames: Frames, record: Recorder) -> dict[str, Signatures]:
+    """Signatures of frames by every method's descriptor, each described once and timed on its own."""
     described = {}
-    for name, descriptor in descriptors_of(rivals).items():
+    for name, descriptor in descriptors_of(methods).items():
         with record.timed(f"describe: {name}", len(frames)):
             described[name] = describe(descriptor, frames, record)
     return described
@@ -87,15 +87,19 @@ def joined_signatures(batches: Sequence[Signatures]) -> Signatures:
     )
 
 
-def prepared(rival: Contestant, signatures: Signatures, turning: bool = False) -> Any:
+def prepared(method: Method, signatures: Signatures, turning: bool = False) -> Any:
     """The distance's index of signatures; DataError, with the reason, if the two do not go together.
 
     `turning`: the images have different headings, which a distance must look for where turns shift the signatures.
     """
-    index = rival.distance.prepare(signatures)
-    if rival.descriptor.turned == "same" and _looks_for_turns(rival.distance, signatures):
+    index = method.distance.prepare(signatures)
+    if method.descriptor.rotation == "invariant" and _looks_for_turns(method.distance, signatures):
         raise DataError("the distance looks for turns along the last axis, which a turn of the camera does not shift")
-    if turning and rival.descriptor.turned == "shifts" and not _looks_for_turns(rival.distance, signatures, 0.25):
+    if (
+        turning
+        and method.descriptor.rotation == "equivariant"
+        and not _looks_for_turns(method.distance, signatures, 0.25)
+    ):
         raise DataError(
             "the camera turns between images, which shifts the signatures, and the distance does not look for it"
         )

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from omnilab.api import Layout, NamedPath, PathPoses, Plan, RandomPoses, RecordedPoses, Sensor
+from omnilab.api import NamedPath, PathPoses, Plan, PoseRequest, RandomPoses, RecordedPoses, Sensor
 from omnilab.errors import ConfigError, did_you_mean
 from omnilab.trajectory.files import read_trajectory
 
@@ -27,7 +27,7 @@ class Source(Enum):
 def layout_without_grid(
     source: Source, count: int, path: str, heading_step_deg: float | None, extent_m: tuple[float, float] | None,
     height_m: float | None, rng: np.random.Generator,
-) -> Layout:  # fmt: skip
+) -> PoseRequest:  # fmt: skip
     """The layout that a study's settings describe, where it is no grid; draws one number whatever it is."""
     seed = int(rng.integers(2**32))
     if source is Source.recorded:

@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from omnilab.api import Bytes, Descriptor, Floats, Frames, Learner, Recorder, Signatures, Tick
+from omnilab.api import Bytes, Descriptor, Floats, Frames, Recorder, Signatures, Tick, Trainable
 from omnilab.errors import DataError
 from omnilab.image import view_of
 from omnilab_studies.common.describing import show_picture
@@ -75,7 +75,7 @@ class Described:
         """By a descriptor, fitted on the places where it must be."""
         view = (descriptor.view, descriptor.color)
         fit_s = 0.0
-        if isinstance(descriptor, Learner):
+        if isinstance(descriptor, Trainable):
             learner = descriptor
             descriptor, fit_s = clocked(lambda: learner.fit(places.views[view]))
         descriptor.describe(places.views[view][:WARM_UP])

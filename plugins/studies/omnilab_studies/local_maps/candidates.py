@@ -1,4 +1,4 @@
-"""Images described by several contestants, and the places most alike to each query."""
+"""Images described by several methods, and the places most alike to each query."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ import numpy as np
 
 from omnilab.api import Floats, Frames, Ints, Recorder, Signatures
 from omnilab.errors import DataError
-from omnilab_studies.common.methods import Contestant, describe_all, joined_signatures, prepared
+from omnilab_studies.common.methods import Method, describe_all, joined_signatures, prepared
 from omnilab_studies.common.scores import known_poses
 from omnilab_studies.local_maps.embedders import pair_distances
 
 
 @dataclass(frozen=True)
 class Described:
-    """N images as every contestant's descriptor sees them."""
+    """N images as every method's descriptor sees them."""
 
     signatures: Mapping[str, Signatures]  # by the descriptor's name
     position_m: Floats  # (N, 3)
     omitted: Sequence[str]  # what could not be delivered, each with its reason
 
 
-def described(rivals: Sequence[Contestant], batches: Iterable[Frames], what: str, record: Recorder) -> Described:
-    """Every image described once by each contestant's descriptor."""
-    parts: dict[str, list[Signatures]] = {rival.descriptor_name: [] for rival in rivals}
+def described(methods: Sequence[Method], batches: Iterable[Frames], what: str, record: Recorder) -> Described:
+    """Every image described once by each method's descriptor."""
+    parts: dict[str, list[Signatures]] = {method.descriptor_name: [] for method in methods}
     position_m: list[Floats] = []
     omitted: list[str] = []
     for frames in batches:
-        for name, signatures in describe_all(rivals, frames, record).items():
+        for name, signatures in describe_all(methods, frames, record).items():
             parts[name].append(signatures)
         position_m.append(known_poses(frames.T_world_camera, what)[:, :3, 3])
         omitted += frames.omitted
@@ -49,13 +49,13 @@ class ShortLists:
     near: Ints  # (Q, most neighbours)
     search_ms: float  # a query
 
-    def pairs(self, rival: Contestant, count: int, some: int | None = None) -> Floats:
+    def pairs(self, method: Method, count: int, some: int | None = None) -> Floats:
         """Distances (Q, count + 1, count + 1) among a query's `count` places and, last, the query; of the first `some`."""
-        places = self.places.signatures[rival.descriptor_name]
-        queries = self.queries.signatures[rival.descriptor_name]
+        places = self.places.signatures[method.descriptor_name]
+        queries = self.queries.signatures[method.descriptor_name]
         return np.stack(
             [
-                pair_distances(rival, joined_signatures([places[near[:count]], queries[q : q + 1]]))
+                pair_distances(method, joined_signatures([places[near[:count]], queries[q : q + 1]]))
                 for q, near in enumerate(self.near[:some])
             ]
         )
@@ -70,7 +70,7 @@ class ShortLists:
         return self.queries.position_m[:, :2]
 
 
-def short_lists(chooser: Contestant, places: Described, queries: Described, count: int, record: Recorder) -> ShortLists:
+def short_lists(chooser: Method, places: Described, queries: Described, count: int, record: Recorder) -> ShortLists:
     """The `count` places of a map that the chooser finds most alike to each query."""
     index = prepared(chooser, places.signatures[chooser.descriptor_name], turning=True)
     start = time.perf_counter()

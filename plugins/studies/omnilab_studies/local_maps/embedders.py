@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omnilab.api import Arrangement, Floats, Graph, Ints, MapMaker, Parts, Signatures
+from omnilab.api import Embedder, Embedding, Floats, Graph, Ints, Parts, Signatures
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import Similarity
-from omnilab_studies.common.methods import Contestant
+from omnilab_studies.common.methods import Method
 
 REST, STRETCHED, COMPRESSED = np.array([198, 203, 212]), np.array([224, 49, 49]), np.array([40, 110, 230])
 SPRINGS = 4  # of each point, to those that are most alike, that are shown
@@ -26,10 +26,10 @@ class FittedMap(NamedTuple):
     found_m: Floats  # (n, 2)
 
 
-def makers_of(parts: Parts) -> dict[str, MapMaker]:
+def makers_of(parts: Parts) -> dict[str, Embedder]:
     """The run's localizers, by name; ConfigError if one of them makes no maps."""
     for name, localizer in parts.localizers.items():
-        if not isinstance(localizer, MapMaker):
+        if not isinstance(localizer, Embedder):
             raise ConfigError(
                 f"localizers.{name} is a {type(localizer).__name__}, which makes no map of its own; leave it out with"
                 f" localizers.{name}=null and choose some that do: +localizer@localizers.ANY=spring or smacof"
@@ -37,28 +37,28 @@ def makers_of(parts: Parts) -> dict[str, MapMaker]:
     return dict(parts.localizers)  # type: ignore[arg-type]  # just checked
 
 
-def warm_up(makers: Iterable[MapMaker]) -> None:
+def warm_up(makers: Iterable[Embedder]) -> None:
     """Let what is compiled at first use be so before anything is timed."""
     triangle = np.array([[[0.0, 2, 3], [2, 0, 2], [3, 2, 0]]])
     for maker in makers:
-        maker.arrange(triangle, np.random.default_rng(0), STATES)
+        maker.embed(triangle, np.random.default_rng(0), STATES)
 
 
-def arranged(maker: MapMaker, distance: Floats, seeds: Iterable[int]) -> list[Arrangement]:
+def arranged(maker: Embedder, distance: Floats, seeds: Iterable[int]) -> list[Embedding]:
     """A map (B, n, n) from each start; a maker that draws nothing, and says so with its second map, is asked no further."""
-    made: list[Arrangement] = []
+    made: list[Embedding] = []
     for seed in seeds:
         same = len(made) > 1 and np.array_equal(made[0].position, made[1].position)
-        made.append(made[0] if same else maker.arrange(distance, np.random.default_rng(seed)))
+        made.append(made[0] if same else maker.embed(distance, np.random.default_rng(seed)))
     return made
 
 
-def pair_distances(rival: Contestant, signatures: Signatures) -> Floats:
+def pair_distances(method: Method, signatures: Signatures) -> Floats:
     """The distances (n, n) among signatures, both ways averaged, 0 on the diagonal; DataError if there are none."""
-    index = rival.distance.prepare(signatures)
-    found = rival.distance.match(signatures, index).distance.astype(np.float64)
+    index = method.distance.prepare(signatures)
+    found = method.distance.match(signatures, index).distance.astype(np.float64)
     if not np.isfinite(found).all():
-        raise DataError(f"some distances of {rival.name} are no numbers; leave it out")
+        raise DataError(f"some distances of {method.name} are no numbers; leave it out")
     pairs = np.maximum((found + found.T) / 2, 0)  # rounding makes some of equal signatures negative
     np.fill_diagonal(pairs, 0)
     return pairs
@@ -86,7 +86,7 @@ def nearest_edges(length: Floats, count: int) -> Ints:
     return np.unique(np.sort(ends, axis=1), axis=0)
 
 
-def settling(arrangement: Arrangement, which: int, length: Floats, fit: Similarity, height_m: float) -> Iterator[Graph]:
+def settling(arrangement: Embedding, which: int, length: Floats, fit: Similarity, height_m: float) -> Iterator[Graph]:
     """The states of one of the maps on its way, each moved as the last one fits the world."""
     assert arrangement.steps is not None
     edges = nearest_edges(length, SPRINGS)

@@ -32,8 +32,8 @@ def local_maps(trials: Sequence[Trial], maps: Sequence[FittedMap]) -> dict[str, 
 
 
 def errors(trials: Sequence[Trial], localizer: str) -> Figure:
-    """A panel a contestant: boxes of the errors at each step, one per number of neighbours, beside the centroid's median."""
-    names = list(dict.fromkeys(t.case.contestant for t in trials))
+    """A panel a method: boxes of the errors at each step, one per number of neighbours, beside the centroid's median."""
+    names = list(dict.fromkeys(t.case.method for t in trials))
     steps = list(dict.fromkeys(t.case.step_m for t in trials))
     counts = list(dict.fromkeys(t.case.neighbours for t in trials))
     columns = min(4, len(names))
@@ -42,7 +42,7 @@ def errors(trials: Sequence[Trial], localizer: str) -> Figure:
     grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
     wide = 0.8 / len(counts)
     for axes, name in zip(grid.ravel(), names, strict=False):
-        for t in (t for t in trials if t.case.contestant == name):
+        for t in (t for t in trials if t.case.method == name):
             k = counts.index(t.case.neighbours)
             at = steps.index(t.case.step_m) + (k - (len(counts) - 1) / 2) * wide
             _box(axes, t, at, wide, COLORS[k % len(COLORS)])
@@ -148,8 +148,8 @@ def whole_maps(maps: Sequence[WholeMap]) -> dict[str, Any]:
 
 
 def drawn_maps(maps: Sequence[WholeMap]) -> Figure:
-    """A row a contestant, a column a way: the map over the true grid, whose neighbours the lines join."""
-    rows = list(dict.fromkeys(one.case.contestant for one in maps))
+    """A row a method, a column a way: the map over the true grid, whose neighbours the lines join."""
+    rows = list(dict.fromkeys(one.case.method for one in maps))
     columns = list(dict.fromkeys(one.case[2:] for one in maps))
     span = np.ptp(maps[0].position_m[:, :2], axis=0)
     figure = blank(3.0 * len(columns), len(rows) * (3.0 * float(span[1] / span[0]) + 0.75))
@@ -157,7 +157,7 @@ def drawn_maps(maps: Sequence[WholeMap]) -> Figure:
     for axes in grid.flat:
         axes.set_axis_off()
     for one in maps:
-        axes = grid[rows.index(one.case.contestant), columns.index(one.case[2:])]
+        axes = grid[rows.index(one.case.method), columns.index(one.case[2:])]
         _net(axes, one)
     figure.suptitle(
         f"Maps fitted to the grid, step {maps[0].case.step_m:g} m: RMS of the residuals in steps", fontsize=10
@@ -175,4 +175,4 @@ def _net(axes: Axes, one: WholeMap) -> None:
         axes.plot(*strips.T, "-", color=color, linewidth=0.8)
     axes.plot(*truth.T, ".", color=TRUTH, markersize=2, zorder=0)
     axes.set_aspect("equal")
-    axes.set_title(f"{one.case.contestant}\n{one.way}: {one.rms_steps:.2f}", fontsize=8)
+    axes.set_title(f"{one.case.method}\n{one.way}: {one.rms_steps:.2f}", fontsize=8)

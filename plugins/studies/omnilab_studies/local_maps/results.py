@@ -1,4 +1,4 @@
-"""What came of local maps: one trial per step, number of neighbours, contestant and localizer."""
+"""What came of local maps: one trial per step, number of neighbours, method and localizer."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from omnilab.api import Arrangement, Floats, Ints, Metric
+from omnilab.api import Embedding, Floats, Ints, Metric
 from omnilab.geometry import procrustes, spanned
 from omnilab.metrics import bootstrap
 from omnilab_studies.common import charts
@@ -22,7 +22,7 @@ class Case(NamedTuple):
 
     step_m: float
     neighbours: int
-    contestant: str
+    method: str
     localizer: str
 
 
@@ -60,7 +60,7 @@ class Trial:
 
 
 def trial_of(
-    case: Case, made: Sequence[Arrangement], places_m: Floats, truth_m: Floats, places: int, times: Times
+    case: Case, made: Sequence[Embedding], places_m: Floats, truth_m: Floats, places: int, times: Times
 ) -> Trial:
     """Fit S maps of Q queries, each its n places and then the query, to the places (Q, n, 2) and score them."""
     everyone = np.concatenate([places_m, truth_m[:, None]], axis=1)
@@ -161,13 +161,13 @@ def _metric(name: str, values: Any, statistic: Any, unit: str, rng: np.random.Ge
 
 
 def key_of(case: Case) -> str:
-    """A contestant with a localizer, as part of a metric's name."""
-    return f"{case.contestant.replace(' + ', '_')}_{case.localizer}"
+    """A method with a localizer, as part of a metric's name."""
+    return f"{case.method.replace(' + ', '_')}_{case.localizer}"
 
 
 def summary_of(trials: Sequence[Trial]) -> str:
     """All trials as Markdown, the best of each step and number of neighbours first."""
-    shown = ("contestant", "localizer", "median_m", "p95_m", "better_than_centroid", "all_points_median_m", "stress")
+    shown = ("method", "localizer", "median_m", "p95_m", "better_than_centroid", "all_points_median_m", "stress")
     parts = ["## Local maps"]
     for group in dict.fromkeys(t.case[:2] for t in trials):
         ranking = first_of([t for t in trials if t.case[:2] == group])

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from omnilab.api import Bytes, Floats, Ints, PoseGraph
 from omnilab.posegraph.graph import edge_chi2, is_loop
-from omnilab_studies.common.comparison_plots import look
+from omnilab_studies.common.comparison_plots import style_of
 from omnilab_studies.common.plots import _figure as blank
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def growth(times_ms: Mapping[str, Floats]) -> Figure:
     """How long each pose took to add, and the running mean of a hundred."""
     figure = blank(7.2, 3.4)
     axes = figure.subplots()
-    for (name, values), style in zip(times_ms.items(), look(list(times_ms)).values(), strict=True):
+    for (name, values), style in zip(times_ms.items(), style_of(list(times_ms)).values(), strict=True):
         axes.plot(values, ".", color=style["color"], markersize=2, alpha=0.35)
         window = np.ones(min(100, len(values))) / min(100, len(values))
         mean = np.convolve(values, window, mode="valid")

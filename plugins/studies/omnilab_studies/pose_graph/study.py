@@ -15,10 +15,10 @@ from omnilab.api import (
     Backend,
     Floats,
     Graph,
-    Growing,
+    IncrementalBackend,
+    IncrementalGraph,
     Ints,
     Metric,
-    OnlineBackend,
     Optimized,
     Panel,
     Parts,
@@ -107,14 +107,14 @@ class PoseGraphStudy:
                 start = time.perf_counter()
                 found[name] = backend.optimize(graph)
                 seconds[name] = time.perf_counter() - start
-            self._tell(record, name, graph, found[name], len(graph) if isinstance(backend, OnlineBackend) else 1)
+            self._tell(record, name, graph, found[name], len(graph) if isinstance(backend, IncrementalBackend) else 1)
         optimum = parts.backend.optimize(clean).poses if len(wrong) else None
 
         # back ends that take poses as they come, at that
         growth = {
             name: self._grow(backend, graph, name, record)
             for name, backend in rivals.items()
-            if isinstance(backend, OnlineBackend)
+            if isinstance(backend, IncrementalBackend)
         }
 
         # what it amounts to
@@ -156,10 +156,10 @@ class PoseGraphStudy:
         """An optimum in the logs: at first the graph as it was, from a step on as it is."""
         record.log(f"after/{name}", _drawn(graph, graph.poses), Tick(0, 0))
         record.log(f"after/{name}", _drawn(graph, found.poses), Tick(step, step * STEP_NS))
-        for sentence in found.said:
+        for sentence in found.warnings:
             record.log("log", Text(f"{name}: {sentence}", "WARN"))
 
-    def _grow(self, backend: OnlineBackend, graph: PoseGraph, name: str, record: Recorder) -> Floats:
+    def _grow(self, backend: IncrementalBackend, graph: PoseGraph, name: str, record: Recorder) -> Floats:
         """Milliseconds (N - 1,) that each pose took to add; some stages go into the logs."""
         growing, nodes, times = backend.begin(graph.poses[0]), [0], []
         stages = set(np.linspace(1, len(graph) - 1, self.show).astype(int).tolist())
@@ -218,7 +218,7 @@ def _drawn(graph: PoseGraph, poses: Floats) -> Graph:
     return Graph(matrices(poses)[:, :3, 3], graph.edges, figures.colors(graph, poses))
 
 
-def _so_far(graph: PoseGraph, growing: Growing, nodes: list[int]) -> tuple[PoseGraph, Floats]:
+def _so_far(graph: PoseGraph, growing: IncrementalGraph, nodes: list[int]) -> tuple[PoseGraph, Floats]:
     """The part of a graph among the nodes that have come, and its poses."""
     number = np.full(len(graph), -1)
     number[nodes] = np.arange(len(nodes))
@@ -241,7 +241,7 @@ def _row(graph: PoseGraph, found: Optimized, wrong: Ints) -> dict[str, Any]:
         true = np.setdiff1d(np.flatnonzero(is_loop(graph)), wrong)
         row["wrong_rejected"] = float(out[wrong].mean())
         row["true_rejected"] = float(out[true].mean()) if len(true) else float("nan")
-    return {**row, "iterations": found.iterations, "problems": len(found.said)}
+    return {**row, "iterations": found.iterations, "problems": len(found.warnings)}
 
 
 def _metrics(graph: PoseGraph, rows: Sequence[Mapping[str, Any]], wrong: Ints) -> list[Metric]:

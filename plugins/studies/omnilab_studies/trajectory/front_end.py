@@ -12,11 +12,11 @@ from omnilab.api import (
     Closures,
     Floats,
     Frames,
-    Growing,
+    IncrementalGraph,
     Ints,
-    Memory,
     Motion,
     Odometry,
+    PlaceDatabase,
     PoseGraph,
     Recorder,
     Unusable,
@@ -37,7 +37,7 @@ class Step(NamedTuple):
     motion: Motion | None  # as the run's odometry told it; None of the first image
     trouble: str  # why the step had to be bridged, in a few words; "" where it had not
     closures: Closures
-    said: list[str]  # what went wrong with the map, in sentences
+    warnings: list[str]  # what went wrong with the map, in sentences
 
 
 class Teller:
@@ -54,12 +54,12 @@ class Teller:
 
     def tell(self, frame: Frames, node: int, rng: np.random.Generator) -> tuple[int, Motion, Any]:
         """From which node, the motion from there, and what was kept of the image."""
-        look, before = self.odometry.look(frame)[0], self.node
+        look, before = self.odometry.extract(frame)[0], self.node
         if isinstance(look, Unusable):
             return before, Motion(NOTHING, np.eye(3), self.unit, look.reason), look
         told = Motion(NOTHING, np.eye(3), self.unit, "it is the first usable image")
         if before >= 0:
-            told = self.odometry.motion(self.look, look, rng)
+            told = self.odometry.estimate(self.look, look, rng)
             self.unit = told.unit
         self.node, self.look = node, look
         return before, told, look
@@ -75,7 +75,12 @@ class Mapper:
     """
 
     def __init__(
-        self, odometries: Iterable[Odometry], memory: Memory, growing: Growing, record: Recorder, gap: float
+        self,
+        odometries: Iterable[Odometry],
+        memory: PlaceDatabase,
+        growing: IncrementalGraph,
+        record: Recorder,
+        gap: float,
     ) -> None:
         self.tellers, self._record, self._gap = [Teller(o) for o in odometries], record, gap
         self._memory, self._growing = memory, growing
@@ -127,7 +132,7 @@ class Mapper:
             told = [teller.tell(frame, node, rng) for teller in self.tellers]
         usual = float(np.median(self._steps)) if self._steps else 1.0
         with self._record.timed("recall"):
-            closures = self._memory.recall(frame, told[0][2], usual, rng)
+            closures = self._memory.query(frame, told[0][2], usual, rng)
         if node == 0:
             return Step(-1, None, told[0][1].failed if isinstance(told[0][2], Unusable) else "", closures, [])
         trouble = self._join(node, [(before, motion) for before, motion, _ in told], late, usual)

@@ -12,8 +12,8 @@ from omnilab.api import (
     Frames,
     Graph,
     Image,
+    IncrementalBackend,
     Ints,
-    OnlineBackend,
     Parts,
     Plan,
     Pose,
@@ -41,7 +41,7 @@ class Way:
     """
 
     def __init__(self, parts: Parts, plan: Plan, record: Recorder, show: int, gap: float) -> None:
-        if not isinstance(parts.backend, OnlineBackend):
+        if not isinstance(parts.backend, IncrementalBackend):
             raise ConfigError(f"{type(parts.backend).__name__} takes no poses as they come; give backend=gtsam_isam2")
         self._planned = plan.T_world_camera
         first = np.zeros(3) if self._planned is None else vectors(self._planned[:1], planar=True)[0]
@@ -91,7 +91,7 @@ class Way:
         record.log("robot", Pose(robot), tick)
         if step.trouble:
             record.log("log", Text(f"image {node}, {frame.keys[0]}: {step.trouble}; its step is bridged", "WARN"), tick)
-        for sentence in step.said:
+        for sentence in step.warnings:
             record.log("log", Text(sentence, "WARN"), tick)
         closed = step.closures.nodes
         if len(closed):

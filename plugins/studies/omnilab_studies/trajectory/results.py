@@ -93,7 +93,11 @@ def counts_of(way: Way, final: Mapping[str, Optimized], factors: Floats, omitted
         Metric("images", len(way.steps), "1"),
         Metric("left_out", omitted, "1"),
         Metric("bridged_steps", sum(step.trouble != "" for step in way.steps), "1"),
-        Metric("problems", sum(len(step.said) for step in way.steps) + sum(len(f.said) for f in final.values()), "1"),
+        Metric(
+            "problems",
+            sum(len(step.warnings) for step in way.steps) + sum(len(f.warnings) for f in final.values()),
+            "1",
+        ),
         *length,
         *(Metric(name, count, "1") for name, count in rejected.items()),
         *(Metric(f"factor_{k}", float(factor), "1") for k, factor in enumerate(factors) if free),

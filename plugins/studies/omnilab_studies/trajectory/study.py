@@ -112,7 +112,7 @@ class Trajectory:
         ):
             with record.timed(f"optimize: {name}"):
                 final[name], factors = scale_estimation.optimize(backend, graph, way.mapper.groups, way.mapper.factors)
-            for sentence in final[name].said:
+            for sentence in final[name].warnings:
                 record.log("log", Text(f"{name}: {sentence}", "WARN"))
         ways = {"odometry": np.array(way.mapper.alone), "online": np.array(way.mapper.online)}
         ways |= {name: found.poses for name, found in final.items()}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from omnilab.api import Floats
-from omnilab_studies.common.comparison_plots import look
+from omnilab_studies.common.comparison_plots import style_of
 from omnilab_studies.common.plots import _figure as blank
 from omnilab_studies.view_slam.consistency import ellipses
 from omnilab_studies.view_slam.display import Shown, error_bands
@@ -40,7 +40,7 @@ def against_count(rows: Rows, times: Rows, names: Sequence[str]) -> Figure:
     error, cost, both = figure.subplots(1, 3)
     _errors(error, rows, "views", names)
     error.set(xlabel="views N", ylabel="RMS error [m]", title="Error", ylim=(0, None))
-    for name, style in look(list(names)).items():
+    for name, style in style_of(list(names)).items():
         own, clocked = ([row for row in table if row["filter"] == name] for table in (rows, times))
         ms = [row["step_ms"] for row in clocked]
         cost.plot([row["views"] for row in clocked], ms, **style, label=name)
@@ -65,7 +65,7 @@ def consistency(rows: Rows, key: str, label: str, names: Sequence[str]) -> Figur
     figure = blank(5.2 * len(grounds), 6.0)
     panels = figure.subplots(2, len(grounds), squeeze=False)
     for (high, low), ground in zip(panels.T, grounds, strict=True):
-        for name, style in look(list(names)).items():
+        for name, style in style_of(list(names)).items():
             own = [row for row in rows if row["scenario"] == ground and row["filter"] == name]
             x = [row[key] for row in own]
             high.plot(x, [row["nees"] for row in own], **style, label=f"{name}, mean")
@@ -122,7 +122,7 @@ def draw_errors(panels: Any, off: Floats, sigma: Floats) -> None:
 
 def _errors(axes: Axes, rows: Rows, key: str, names: Sequence[str]) -> None:
     """Mean error and band of each filter, and of odometry on as many drives as the first filter's."""
-    for name, style in look(list(names)).items():
+    for name, style in style_of(list(names)).items():
         own = [row for row in rows if row["filter"] == name]
         _band(axes, own, key, "rms_m", "rms_sigma_m", style, f"{name}, {own[0]['seeds']} drives")
     own = [row for row in rows if row["filter"] == names[0]]

@@ -28,7 +28,7 @@ class Ran(NamedTuple):
     gated: int
     wrong: int
     wrong_gated: int
-    said: int
+    warnings: int
     step_ms: float  # median
 
 
@@ -79,7 +79,7 @@ def ran(view_filter: ViewFilter, drive: Drive, range_m: float) -> tuple[Ran, Tra
     return Ran(
         position_rms(trace.poses, drive.truth), position_rms(trace.way, drive.truth),
         position_rms(drive.odometry, drive.truth), trace_nees(trace, drive),
-        trace.observed, trace.gated, trace.wrong, trace.wrong_gated, len(trace.said),
+        trace.observed, trace.gated, trace.wrong, trace.wrong_gated, len(trace.warnings),
         1e3 * float(np.median(trace.seconds[1:])),
     ), trace  # fmt: skip
 
@@ -116,7 +116,7 @@ def row_of(runs: Sequence[Ran], first: Sequence[Ran], common: int, rng: np.rando
         "gated": sum(one.gated for one in runs) / max(1, observed - wrong),
         "wrong": wrong,
         "wrong_gated": sum(one.wrong_gated for one in runs) / wrong if wrong else float("nan"),
-        "said": sum(one.said for one in runs),
+        "warnings": sum(one.warnings for one in runs),
     }
 
 
@@ -149,5 +149,5 @@ def selected(rows: Sequence[Mapping[str, Any]], **wanted: Any) -> list[Mapping[s
 
 def counts(rows: Sequence[Mapping[str, Any]]) -> Iterator[Metric]:
     """What went wrong in all runs together, gated and said."""
-    for name in ("observed", "wrong", "said"):
+    for name in ("observed", "wrong", "warnings"):
         yield Metric(name, sum(row[name] for row in rows), "1")

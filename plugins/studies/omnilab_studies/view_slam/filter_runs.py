@@ -28,7 +28,7 @@ class Trace(NamedTuple):
     gated: int  # true observations that it did not believe
     wrong: int  # observations of another view
     wrong_gated: int  # and those of them that it did not believe
-    said: list[str]
+    warnings: list[str]
 
 
 def follow(view_filter: ViewFilter, drive: Drive, range_m: float, watch: Watch | None = None) -> Trace:

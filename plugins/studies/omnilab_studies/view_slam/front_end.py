@@ -47,7 +47,7 @@ class Looked(NamedTuple):
     believed: Bools  # (K,) which of them the filter took
     compared: dict[int, Motion]  # views that the image was matched with
     new: int | None  # the view that it became
-    said: list[str]
+    warnings: list[str]
 
 
 class ViewMapper:

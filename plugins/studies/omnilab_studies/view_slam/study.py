@@ -172,7 +172,7 @@ class _Way:
         with record.timed("odometry"):
             motion = self._motion(frame)
         with record.timed("look"):
-            (look,) = self._parts.odometries[VIEWS].look(frame)
+            (look,) = self._parts.odometries[VIEWS].extract(frame)
         if isinstance(look, Unusable):
             self._teller.tell(f"image {image}, {frame.keys[0]}", [look.reason])
         self._looks[image] = look
@@ -186,7 +186,7 @@ class _Way:
             with record.timed(f"map: {name}"):
                 found = mapper.take(image, look, *told)
             self.seen[name].append(found)
-            self._teller.tell(f"image {image}, {name}", found.said)
+            self._teller.tell(f"image {image}, {name}", found.warnings)
         if next(iter(self.seen.values()))[-1].new is not None:
             self._panoramas[image] = panorama(frame.images, frame.camera)[0]
             if self._keeper:
@@ -204,7 +204,7 @@ class _Way:
         sigmas = [study.known_sigma_m, study.known_sigma_m, np.deg2rad(study.known_sigma_deg)]
         for frame in known_views(self._parts, first.camera, self._record):
             assert frame.T_world_camera is not None
-            (look,) = self._parts.odometries[VIEWS].look(frame)
+            (look,) = self._parts.odometries[VIEWS].extract(frame)
             if isinstance(look, Unusable):
                 self._teller.tell(f"known view {frame.keys[0]}", [look.reason])
                 continue
@@ -218,11 +218,11 @@ class _Way:
 
     def _motion(self, frame: Frames) -> tuple[Floats, Floats]:
         """What odometry tells since the last image; as nothing but a wide step where it tells nothing."""
-        (look,) = self._parts.odometry.look(frame)
+        (look,) = self._parts.odometry.extract(frame)
         before, self._wheels = self._wheels, look
         if before is None:
             return np.zeros(3), np.eye(3)
-        told = self._parts.odometry.motion(before, look, self._rng)
+        told = self._parts.odometry.estimate(before, look, self._rng)
         if not told.failed:
             return told.vector, told.covariance
         self.lost += 1
@@ -234,7 +234,7 @@ class _Way:
         if (image, view) not in self._related:
             odometry, rng = self._parts.odometries[VIEWS], np.random.default_rng([self._base, image, view % 2**32])
             with self._record.timed("relate"):
-                self._related[image, view] = odometry.motion(self._looks[image], self._looks[view], rng)
+                self._related[image, view] = odometry.estimate(self._looks[image], self._looks[view], rng)
         return self._related[image, view]
 
     def _show(self, frame: Frames, image: int) -> None:

@@ -16,7 +16,7 @@ from omnilab_studies.common.charts import markdown
 from omnilab_studies.common.comparison import columns_of
 from omnilab_studies.common.describing import deliver_queries, describe, describe_places, fitted, show_frame
 from omnilab_studies.common.grids import check_extent, check_step, grid_poses
-from omnilab_studies.common.localization_run import Asking, estimate_of
+from omnilab_studies.common.localization_run import LocalizationRun, estimate_of
 from omnilab_studies.common.scores import Scored, joined, score
 from omnilab_studies.common.viewer_layouts import JOINT
 
@@ -68,12 +68,12 @@ class Joint:
         grid = parts.sensor.plan(grid_poses(self.step_m, None, self.extent_m, self.height_m))
         parts = fitted(parts, grid, record)
         places, omitted = describe_places(parts, grid, record)
-        asking = Asking(parts, places, record, show=0)
-        record.log("places", PlaceMap(asking.places_m))
+        run = LocalizationRun(parts, places, record, show=0)
+        record.log("places", PlaceMap(run.places_m))
 
         asked = []
         for step, (offset_m, plan) in enumerate(zip(self.offsets_m, plans, strict=True)):
-            asked.append(self._ask(parts, asking, plan, offset_m, int(rng.integers(2**32)), step))
+            asked.append(self._ask(parts, run, plan, offset_m, int(rng.integers(2**32)), step))
             omitted += plan.omitted
         scale = _scale(asked)
         rows = [_row(one, scale, self.step_m, rng) for one in asked]
@@ -88,22 +88,22 @@ class Joint:
         table = {"joint": columns_of(rows), "queries": _table(asked, scale)}
         return Report(_metrics(rows, asked, scale), table, {"joint": figures.joint(rows, _pairs(asked, scale))})
 
-    def _ask(self, parts: Parts, asking: Asking, plan: Plan, offset_m: float, seed: int, step: int) -> Asked:
+    def _ask(self, parts: Parts, run: LocalizationRun, plan: Plan, offset_m: float, seed: int, step: int) -> Asked:
         """The answers to the queries of one height, and what the altimeter says of each."""
         scored, told, unit = [], [], ""
-        for frames in deliver_queries(parts, plan, asking.record, seed):
-            signatures = describe(parts.descriptor, frames, asking.record)
-            scored.append(score(frames, asking.locate(signatures), asking.places_m, asking.step_m))
-            with asking.record.timed("height", len(frames)):
-                heights = parts.altimeter.relative(asking.pictures(scored[-1].place), frames.images, frames.camera)
+        for frames in deliver_queries(parts, plan, run.record, seed):
+            signatures = describe(parts.descriptor, frames, run.record)
+            scored.append(score(frames, run.locate(signatures), run.places_m, run.step_m))
+            with run.record.timed("height", len(frames)):
+                heights = parts.altimeter.relative(run.pictures(scored[-1].place), frames.images, frames.camera)
             told.append(heights.value)
             unit = heights.unit
             if len(scored) == 1:
                 tick = Tick(step, OFFSET_NS * step)
-                show_frame(asking.record, frames, 0, signatures.place[0], tick)
-                asking.record.log("estimate", estimate_of(scored[0], 0), tick)
+                show_frame(run.record, frames, 0, signatures.place[0], tick)
+                run.record.log("estimate", estimate_of(scored[0], 0), tick)
         whole = joined(scored)
-        return Asked(offset_m, whole, np.concatenate(told), whole.truth_m[:, 2] - asking.places_m[whole.place, 2], unit)
+        return Asked(offset_m, whole, np.concatenate(told), whole.truth_m[:, 2] - run.places_m[whole.place, 2], unit)
 
 
 class Asked(NamedTuple):

@@ -16,7 +16,6 @@ from omnilab.api import (
     Camera,
     Image,
     Ints,
-    Layout,
     Metric,
     NamedPath,
     Parts,
@@ -24,6 +23,7 @@ from omnilab.api import (
     PlaceMap,
     Plan,
     Pose,
+    PoseRequest,
     RandomPoses,
     RecordedPoses,
     Recorder,
@@ -166,7 +166,7 @@ class Render:
         record.log("summary", Text(markdown_table(metrics, str(data.folder)), markdown=True))
         return Report(metrics, figures={"images": plots.sheet(*_examples(data, numbers, plan))})
 
-    def _asked(self, seed: int) -> tuple[Layout, Ints | None]:
+    def _asked(self, seed: int) -> tuple[PoseRequest, Ints | None]:
         """The layout, and when its images are taken where a file tells it."""
         step_m = STEP_M if self.step_m is None and self.every is None else self.step_m
         grid = grid_poses(step_m, self.every, self.extent_m, self.height_m)

@@ -10,10 +10,10 @@ import numpy as np
 
 from omnilab.api import (
     GridPoses,
-    Layout,
     Metric,
     Parts,
     PlaceMap,
+    PoseRequest,
     RandomPoses,
     RecordedPoses,
     Recorder,
@@ -26,9 +26,9 @@ from omnilab_studies.common import charts
 from omnilab_studies.common.describing import deliver, deliver_queries
 from omnilab_studies.common.grids import check_extent, check_step_or_every, grid_poses
 from omnilab_studies.common.methods import (
-    Contestant,
-    contestants,
+    Method,
     descriptors_of,
+    methods_of,
     prepared,
 )
 from omnilab_studies.common.timing import Described, Pictures, clocked
@@ -69,8 +69,8 @@ class Cost:
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Take images, describe them by every descriptor, compare by every distance, with a clock at hand."""
-        rivals = contestants(parts)
-        descriptors = descriptors_of(rivals)
+        methods = methods_of(parts)
+        descriptors = descriptors_of(methods)
         record.log("", comparison())
         if scene := parts.sensor.scene():
             record.log("room", scene)
@@ -90,11 +90,11 @@ class Cost:
         # every distance on top
         rows: list[Row] = []
         misfits: list[str] = []
-        for rival in record.track(rivals, "compare", len(rivals), lambda _: 1):
+        for method in record.track(methods, "compare", len(methods), lambda _: 1):
             try:
-                rows.append(self._row(rival, described[rival.descriptor_name], places, queries))
+                rows.append(self._row(method, described[method.descriptor_name], places, queries))
             except DataError as reason:
-                misfits.append(f"{rival.name}: {reason}")
+                misfits.append(f"{method.name}: {reason}")
         if not rows:
             raise DataError(f"none of the distances can compare any of the signatures ({misfits[0]}); choose others")
 
@@ -109,24 +109,24 @@ class Cost:
     def _grid(self) -> GridPoses:
         return grid_poses(self.step_m, self.every, self.extent_m, self.height_m)
 
-    def _queries(self, rng: np.random.Generator) -> Layout:
+    def _queries(self, rng: np.random.Generator) -> PoseRequest:
         if self.every is not None:
             return RecordedPoses(without=self._grid())
         return RandomPoses(self.query_count, int(rng.integers(2**32)), None, self._grid().extent_m, self.height_m)
 
-    def _row(self, rival: Contestant, described: Described, places: Pictures, queries: Pictures) -> Row:
-        """One contestant's line of the table; DataError if the distance cannot compare such signatures."""
-        rival.distance.match(described.queries[slice(1)], prepared(rival, described.places))  # the warm-up
-        index, prepare_s = clocked(lambda: rival.distance.prepare(described.places))
-        runs = [clocked(lambda: rival.distance.match(described.queries, index)) for _ in range(self.repeats)]
+    def _row(self, method: Method, described: Described, places: Pictures, queries: Pictures) -> Row:
+        """One method's line of the table; DataError if the distance cannot compare such signatures."""
+        method.distance.match(described.queries[slice(1)], prepared(method, described.places))  # the warm-up
+        index, prepare_s = clocked(lambda: method.distance.prepare(described.places))
+        runs = [clocked(lambda: method.distance.match(described.queries, index)) for _ in range(self.repeats)]
         query_ms = 1e3 * min(seconds for _, seconds in runs) / len(described.queries)
         answer = runs[0][0].distance.argmin(axis=1)
         nearest = verdicts(distances_to(queries.position_m, places.position_m), answer) == "nearest"
         return {
-            "contestant": rival.name,
-            "descriptor": rival.descriptor_name,
+            "method": method.name,
+            "descriptor": method.descriptor_name,
             "parameters": described.settings,
-            "distance": rival.distance_name,
+            "distance": method.distance_name,
             "fit_s": described.fit_s,
             "view_ms": described.view_ms,
             "describe_ms": described.describe_ms,
@@ -145,7 +145,7 @@ def _metrics(
     found = [
         Metric("nearest_best", max(row["nearest_rate"] for row in rows), "1"),
         Metric("bytes_least", min(row["bytes"] for row in rows), "B"),
-        Metric("contestants", len(rows), "1"),
+        Metric("methods", len(rows), "1"),
         Metric("misfits", len(misfits), "1"),
         Metric("places", len(places), "1"),
         Metric("queries", len(queries), "1"),
@@ -157,21 +157,21 @@ def _metrics(
 
 
 def _name(row: Row) -> str:
-    return str(row["contestant"]).replace(" + ", "_")
+    return str(row["method"]).replace(" + ", "_")
 
 
 def _summary(table: Mapping[str, Sequence[Any]], places: Pictures, queries: Pictures) -> str:
     title = f"## Cost, {len(places)} places, {len(queries)} queries"
-    hidden = {"contestant", "parameters", "localise_ms"}
+    hidden = {"method", "parameters", "localise_ms"}
     return "\n".join([title, "", charts.markdown({k: column for k, column in table.items() if k not in hidden})])
 
 
 def _figures(rows: Sequence[Row]) -> dict[str, Any]:
     shown = ("describe_ms", "query_ms")
-    points = {row["contestant"]: (row["localise_ms"], row["nearest_rate"]) for row in rows}
+    points = {row["method"]: (row["localise_ms"], row["nearest_rate"]) for row in rows}
     return {
         "times": charts.bars(
-            {row["contestant"]: {name.removesuffix("_ms"): row[name] for name in shown} for row in rows},
+            {row["method"]: {name.removesuffix("_ms"): row[name] for name in shown} for row in rows},
             "ms an image, ms a query against the map", "Describing, and comparing with the map",
         ),
         "pareto": charts.pareto(points, "ms a query: view, description, comparison", "answered the nearest place", "Time against accuracy"),

@@ -29,12 +29,12 @@ from omnilab_studies.common import charts
 from omnilab_studies.common.describing import deliver, show_picture
 from omnilab_studies.common.grids import check_extent, grid_poses
 from omnilab_studies.common.methods import (
-    Contestant,
-    contestants,
+    Method,
     describe_all,
     descriptors_of,
     fitted_all,
     joined_signatures,
+    methods_of,
     prepared,
     settings_of,
 )
@@ -84,7 +84,7 @@ class Linearity:
         """Draw lines, describe their images, compare the first image of each with the others, fit."""
         if parts.disturbances:
             raise ConfigError("linearity has no queries to disturb; leave disturbance out")
-        record.log("", comparison(list(descriptors_of(contestants(parts)))))
+        record.log("", comparison(list(descriptors_of(methods_of(parts)))))
         if scene := parts.sensor.scene():
             record.log("room", scene)
 
@@ -98,30 +98,30 @@ class Linearity:
 
         # every image described by every descriptor
         parts = fitted_all(parts, plan, record)
-        rivals = contestants(parts)
-        signatures, delivered, omitted = self._describe(parts, rivals, plan, record)
+        methods = methods_of(parts)
+        signatures, delivered, omitted = self._describe(parts, methods, plan, record)
         omitted = [*grid.omitted, *omitted]
         lines = _complete(np.searchsorted(nodes, lines), delivered)
 
-        # the curve of every contestant
+        # the curve of every method
         curves: dict[str, Curve] = {}
         misfits: list[str] = []
-        for rival in record.track(rivals, "compare", len(rivals), lambda _: 1):
+        for method in record.track(methods, "compare", len(methods), lambda _: 1):
             try:
-                curves[rival.name] = self._curve(rival, signatures[rival.descriptor_name], lines, record)
-                _log(record, rival.name, curves[rival.name])
+                curves[method.name] = self._curve(method, signatures[method.descriptor_name], lines, record)
+                _log(record, method.name, curves[method.name])
             except DataError as reason:
-                misfits.append(f"{rival.name}: {reason}")
+                misfits.append(f"{method.name}: {reason}")
         if not curves:
             raise DataError(f"none of the distances can compare any of the signatures ({misfits[0]}); choose others")
 
         # what it amounts to
-        table = _table([rival for rival in rivals if rival.name in curves], curves, signatures)
+        table = _table([method for method in methods if method.name in curves], curves, signatures)
         metrics = _metrics(curves, lines, omitted, misfits)
         record.log("summary", Text(_summary(table, lines), markdown=True))
         for sentence in [*misfits, *omitted]:
             record.log("log", Text(f"left out: {sentence}"))
-        return Report(metrics, {"linearity": table, "curves": _points(curves)}, _figures(rivals, curves, table))
+        return Report(metrics, {"linearity": table, "curves": _points(curves)}, _figures(methods, curves, table))
 
     def _grid(self) -> GridPoses:
         return grid_poses(self.step_m if self.every is None else None, self.every, self.extent_m, self.height_m)
@@ -133,15 +133,15 @@ class Linearity:
         return parts.sensor.plan(PathPoses(planar_poses(position_m, rng.uniform(-np.pi, np.pi, len(plan)))))
 
     def _describe(
-        self, parts: Parts, rivals: Sequence[Contestant], plan: Plan, record: Recorder
+        self, parts: Parts, methods: Sequence[Method], plan: Plan, record: Recorder
     ) -> tuple[dict[str, Signatures], Ints, list[str]]:
         """Signatures by descriptor, which frames of the plan they are of, and what could not be delivered."""
-        batches: dict[str, list[Signatures]] = {name: [] for name in descriptors_of(rivals)}
+        batches: dict[str, list[Signatures]] = {name: [] for name in descriptors_of(methods)}
         delivered: list[Ints] = []
         omitted: list[str] = []
         every = max(1, -(-len(plan) // self.show)) if self.show > 0 else len(plan) + 1
         for frames in deliver(parts, plan, record, "images"):
-            for name, described in describe_all(rivals, frames, record).items():
+            for name, described in describe_all(methods, frames, record).items():
                 batches[name].append(described)
             delivered.append(frames.plan_index)
             omitted += frames.omitted
@@ -151,12 +151,12 @@ class Linearity:
             raise DataError("the sensor delivered no images for the study's lines; look at what it left out")
         return {name: joined_signatures(b) for name, b in batches.items()}, np.concatenate(delivered), omitted
 
-    def _curve(self, rival: Contestant, signatures: Signatures, lines: Ints, record: Recorder) -> Curve:
+    def _curve(self, method: Method, signatures: Signatures, lines: Ints, record: Recorder) -> Curve:
         """Mean and variance over the lines (A, n + 1); DataError if the distance cannot compare such signatures."""
         references, row = np.unique(lines[:, 0], return_inverse=True)
-        index = prepared(rival, signatures)
+        index = prepared(method, signatures)
         with record.timed("compare", len(references) * len(signatures)):
-            field = rival.distance.match(signatures[references], index).distance
+            field = method.distance.match(signatures[references], index).distance
         values = field[row[:, None], lines[:, 1:]].astype(np.float64)
         return Curve(np.round(self.step_m * np.arange(1, lines.shape[1]), 9), values.mean(axis=0), values.var(axis=0))
 
@@ -178,14 +178,14 @@ def _log(record: Recorder, name: str, curve: Curve) -> None:
     record.log(path, Series(curve.relative, centimetres, 10_000_000 * centimetres, "1"))
 
 
-def _table(rivals: Sequence[Contestant], curves: Mapping[str, Curve], signatures: Mapping[str, Signatures]) -> Table:
-    """One row per contestant, as table 4 of Payá et al. (2016)."""
-    found = [curves[rival.name] for rival in rivals]
-    described = [signatures[rival.descriptor_name] for rival in rivals]
+def _table(methods: Sequence[Method], curves: Mapping[str, Curve], signatures: Mapping[str, Signatures]) -> Table:
+    """One row per method, as table 4 of Payá et al. (2016)."""
+    found = [curves[method.name] for method in methods]
+    described = [signatures[method.descriptor_name] for method in methods]
     return {
-        "descriptor": [rival.descriptor_name for rival in rivals],
-        "parameters": [settings_of(rival.descriptor) for rival in rivals],
-        "distance": [rival.distance_name for rival in rivals],
+        "descriptor": [method.descriptor_name for method in methods],
+        "parameters": [settings_of(method.descriptor) for method in methods],
+        "distance": [method.distance_name for method in methods],
         "slope_per_m": [curve.slope for curve in found],
         "r2_centred": [curve.r2_centred for curve in found],
         "r2_origin": [curve.r2_origin for curve in found],
@@ -204,7 +204,7 @@ def _points(curves: Mapping[str, Curve]) -> Table:
         for point in zip(curve.distance_m.tolist(), curve.mean.tolist(), curve.variance.tolist(), strict=True)
     ]
     columns = list(zip(*rows, strict=True))
-    return dict(zip(("contestant", "distance_m", "mean", "variance"), columns, strict=True))
+    return dict(zip(("method", "distance_m", "mean", "variance"), columns, strict=True))
 
 
 def _metrics(curves: Mapping[str, Curve], lines: Ints, omitted: list[str], misfits: list[str]) -> list[Metric]:
@@ -212,7 +212,7 @@ def _metrics(curves: Mapping[str, Curve], lines: Ints, omitted: list[str], misfi
     return [
         Metric("r2_best", best.r2_centred, "1"),
         Metric("monotone_best_m", max(curve.monotone_m for curve in curves.values()), "m"),
-        Metric("contestants", len(curves), "1"),
+        Metric("methods", len(curves), "1"),
         Metric("misfits", len(misfits), "1"),
         Metric("lines", len(lines), "1"),
         Metric("references", len(np.unique(lines[:, 0])), "1"),
@@ -230,11 +230,11 @@ def _summary(table: Table, lines: Ints) -> str:
     return "\n".join([title, "", charts.markdown({name: [table[name][i] for i in order] for name in shown})])
 
 
-def _figures(rivals: Sequence[Contestant], curves: Mapping[str, Curve], table: Table) -> dict[str, Any]:
-    groups: dict[str, dict[str, Curve]] = {name: {} for name in descriptors_of(rivals)}
-    for rival in rivals:
-        if rival.name in curves:
-            groups[rival.descriptor_name][rival.distance_name] = curves[rival.name]
+def _figures(methods: Sequence[Method], curves: Mapping[str, Curve], table: Table) -> dict[str, Any]:
+    groups: dict[str, dict[str, Curve]] = {name: {} for name in descriptors_of(methods)}
+    for method in methods:
+        if method.name in curves:
+            groups[method.descriptor_name][method.distance_name] = curves[method.name]
     groups = {name: of for name, of in groups.items() if of}
     bytes_of = dict(zip(table["descriptor"], table["place_bytes"], strict=True))
     best = {name: max(of, key=lambda distance: of[distance].r2_centred) for name, of in groups.items()}

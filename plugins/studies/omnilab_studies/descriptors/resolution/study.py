@@ -24,8 +24,8 @@ from omnilab.errors import ConfigError, did_you_mean
 from omnilab.metrics import VERDICTS
 from omnilab_studies.common.describing import deliver, show_signature
 from omnilab_studies.common.free_area import check_square, free_square, headed, positions_within
-from omnilab_studies.common.method_runs import Cost, Rivals
-from omnilab_studies.common.methods import Contestant
+from omnilab_studies.common.method_runs import Cost, MethodRuns
+from omnilab_studies.common.methods import Method
 from omnilab_studies.common.scores import Scored, joined
 from omnilab_studies.common.viewer_layouts import SIZES
 from omnilab_studies.descriptors.resolution import figures
@@ -79,22 +79,22 @@ class Resolution:
         grid = free_square(parts.sensor, self.side, self.step_m, self.center_m, self.height_m)
         assert grid.T_world_camera is not None
         record.log("places", PlaceMap(grid.T_world_camera[:, :3, 3]))
-        rivals = Rivals(replace(parts, descriptors=sizes, distances=distances), grid, record)
+        runs = MethodRuns(replace(parts, descriptors=sizes, distances=distances), grid, record)
 
         # the queries: the same positions with any heading, and with the headings of each angle grid
         at, share = positions_within(grid, self.query_count, rng), rng.random(self.query_count)
-        answered: dict[tuple[str, str], Scored] = {}  # of a contestant, for a kind of headings
-        answered |= self._ask(parts, rivals, list(sizes), headed(at, share), ANY, "queries, any heading", record)
+        answered: dict[tuple[str, str], Scored] = {}  # of a method, for a kind of headings
+        answered |= self._ask(parts, runs, list(sizes), headed(at, share), ANY, "queries, any heading", record)
         first = next(iter(answered.values()))
         record.log("answers", Answers(first.truth_m, first.answer_m, list(first.verdict)))
         for angles in dict.fromkeys(size[1] for size in self.sizes):
             names = [name for name, size in zip(sizes, self.sizes, strict=True) if size[1] == angles]
             answered |= self._ask(
-                parts, rivals, names, headed(at, share, angles), ON_GRID, f"queries, {angles} headings", record
+                parts, runs, names, headed(at, share, angles), ON_GRID, f"queries, {angles} headings", record
             )
 
         # what it amounts to
-        rows = self._rows(rivals, distances, answered)
+        rows = self._rows(runs, distances, answered)
         for curve, own in _curves(rows).items():
             steps = np.arange(len(own))
             values = np.array([row["nearest_rate"] for row in own])
@@ -120,37 +120,37 @@ class Resolution:
     def _ask(
         self,
         parts: Parts,
-        rivals: Rivals,
+        runs: MethodRuns,
         names: list[str],
         poses: PathPoses,
         headings: str,
         stage: str,
         record: Recorder,
     ) -> dict[tuple[str, str], Scored]:
-        """The answers of some sizes to queries, by contestant."""
+        """The answers of some sizes to queries, by method."""
         found: dict[tuple[str, str], list[Scored]] = {}
         for frames in deliver(parts, parts.sensor.plan(poses), record, stage):
-            for answered in rivals.answers_of(names, frames):
-                found.setdefault((answered.contestant.name, headings), []).append(answered.scored)
+            for answered in runs.answers_of(names, frames):
+                found.setdefault((answered.method.name, headings), []).append(answered.scored)
                 if headings == ANY and 0 in frames.plan_index:
-                    step = names.index(answered.contestant.descriptor_name)
+                    step = names.index(answered.method.descriptor_name)
                     show_signature(record, answered.signatures.place[0], Tick(step, SIZE_NS * step))
         return {key: joined(batches) for key, batches in found.items()}
 
     def _rows(
-        self, rivals: Rivals, distances: Mapping[str, Any], answered: Mapping[tuple[str, str], Scored]
+        self, runs: MethodRuns, distances: Mapping[str, Any], answered: Mapping[tuple[str, str], Scored]
     ) -> list[Row]:
         """One row a distance, kind of headings and size."""
         return [
-            self._row(contestant, name, headings, rivals.cost(contestant), answered[contestant.name, headings])
+            self._row(method, name, headings, runs.cost(method), answered[method.name, headings])
             for name, distance in distances.items()
             for headings in (ON_GRID, ANY)
-            for contestant in rivals.contestants
-            if contestant.distance is distance
+            for method in runs.methods
+            if method.distance is distance
         ]
 
-    def _row(self, contestant: Contestant, distance: str, headings: str, cost: Cost, scored: Scored) -> Row:
-        size = {setting: getattr(contestant.descriptor, setting) for setting in self.settings}
+    def _row(self, method: Method, distance: str, headings: str, cost: Cost, scored: Scored) -> Row:
+        size = {setting: getattr(method.descriptor, setting) for setting in self.settings}
         told = scored.heading_error_deg
         return {
             "size": " x ".join(str(value) for value in size.values()),

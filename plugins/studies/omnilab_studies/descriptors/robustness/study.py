@@ -1,4 +1,4 @@
-"""Study F: contestants on disturbed queries, level by level."""
+"""Study F: methods on disturbed queries, level by level."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from omnilab.api import (
 from omnilab.errors import ConfigError
 from omnilab.geometry import heading_of
 from omnilab_studies.common import comparison_plots as figures
-from omnilab_studies.common.comparison import Outcome, columns_of, key_of, markdown_of, metrics_of, summary_of
+from omnilab_studies.common.comparison import Comparison, columns_of, key_of, markdown_of, metrics_of, summary_of
 from omnilab_studies.common.describing import deliver, disturbed, show_picture
 from omnilab_studies.common.disturbance_levels import Level, check_levels, levels_of
 from omnilab_studies.common.free_area import check_square, free_square, headed, positions_within
-from omnilab_studies.common.method_runs import Answered, Cost, Rivals
+from omnilab_studies.common.method_runs import Answered, Cost, MethodRuns
 from omnilab_studies.common.viewer_layouts import LEVELS
 
 LEVEL_NS = 100_000_000  # between two levels, in the logs
@@ -38,7 +38,7 @@ LEVEL_NS = 100_000_000  # between two levels, in the logs
 class Robustness:
     """Study F: how the answers of several descriptors fare as queries get worse (Berenguer, thesis, 4.6.5, fig. 4.23).
 
-    `side` x `side` places; the same queries, spoilt in the same way, for every contestant: clear, then by each of the
+    `side` x `side` places; the same queries, spoilt in the same way, for every method: clear, then by each of the
     run's disturbances alone, at each of its `levels`, from mild to strong. `area` is the mean rate of nearest answers
     over a disturbance's levels, or over all; the breakdown point is its first level at which that rate is below half of
     the clear one. The sharpness C (eq. 4.6, figure 4.24) is that of the clear queries. The pictures and the answers that
@@ -71,51 +71,51 @@ class Robustness:
             record.log("room", scene)
         levels = levels_of(self.levels, parts.disturbances, record)
 
-        # the map: described by every contestant
+        # the map: described by every method
         grid = free_square(parts.sensor, self.side, self.step_m, self.center_m, self.height_m)
         places_m = _positions(grid)
         record.log("places", PlaceMap(places_m))
         at = positions_within(grid, self.query_count, rng)
         plan = parts.sensor.plan(headed(at, rng.random(self.query_count), self.heading_steps))
         seed = int(rng.integers(2**32))
-        rivals = Rivals(parts, grid, record)
+        runs = MethodRuns(parts, grid, record)
 
         # the queries: each batch is imaged once, then spoilt and answered at every level
-        outcome = Outcome([c.name for c in rivals.contestants], levels)
+        comparison = Comparison([c.name for c in runs.methods], levels)
         at_levels = _at_levels(deliver(parts, plan, record, "queries"), levels, record, seed)
         for step, frames in record.track(at_levels, "levels", len(plan) * len(levels), lambda item: len(item[1])):
             if first := 0 in frames.plan_index:
-                outcome.pictures.append(frames.images[0])
+                comparison.pictures.append(frames.images[0])
                 _show_query(record, step, levels[step], frames)
-            for answered in rivals.answers(frames):
-                outcome.take(step, answered)
+            for answered in runs.answers(frames):
+                comparison.take(step, answered)
                 if first:
                     _show_answer(record, step, answered)
-        costs = {c.name: rivals.cost(c) for c in rivals.contestants}
+        costs = {c.name: runs.cost(c) for c in runs.methods}
 
         # what it amounts to
         steps = np.arange(len(levels))
-        for name, rates in outcome.rates.items():
+        for name, rates in comparison.rates.items():
             record.log(f"nearest/{key_of(name)}", Series(rates, steps, LEVEL_NS * steps, "1"))
-        summary = summary_of(outcome, costs)
-        record.log("summary", Text(markdown_of(summary, levels, outcome.rates), markdown=True))
-        tables = {"robustness": columns_of(summary), "levels": outcome.table()}
-        return Report(metrics_of(outcome, costs), tables, self._figures(outcome, costs, places_m))
+        summary = summary_of(comparison, costs)
+        record.log("summary", Text(markdown_of(summary, levels, comparison.rates), markdown=True))
+        tables = {"robustness": columns_of(summary), "levels": comparison.table()}
+        return Report(metrics_of(comparison, costs), tables, self._figures(comparison, costs, places_m))
 
-    def _figures(self, outcome: Outcome, costs: Mapping[str, Cost], places_m: Floats) -> dict[str, Any]:
-        clear = outcome.at(0)
-        areas = {name: outcome.area(name) for name in outcome.names}
+    def _figures(self, comparison: Comparison, costs: Mapping[str, Cost], places_m: Floats) -> dict[str, Any]:
+        clear = comparison.at(0)
+        areas = {name: comparison.area(name) for name in comparison.names}
         first = next(iter(clear.values()))
         sharpness = {name: scored.sharpness for name, scored in clear.items() if np.isfinite(scored.sharpness).all()}
         drawn = {
-            "pictures": figures.pictures(outcome.pictures, outcome.levels),
-            "rates": figures.rates(outcome.rates, outcome.levels, self.query_count),
+            "pictures": figures.pictures(comparison.pictures, comparison.levels),
+            "rates": figures.rates(comparison.rates, comparison.levels, self.query_count),
             "pareto": figures.pareto(costs, areas, "mean rate of nearest answers over all levels"),
         }
         if sharpness:
             drawn["sharpness"] = figures.sharpness(sharpness)
-        if outcome.fields:
-            drawn["surfaces"] = figures.surfaces(places_m, outcome.fields, first.truth_m[0])
+        if comparison.fields:
+            drawn["surfaces"] = figures.surfaces(places_m, comparison.fields, first.truth_m[0])
         return drawn
 
 
@@ -138,7 +138,7 @@ def _show_query(record: Recorder, step: int, level: Level, frames: Frames) -> No
 
 
 def _show_answer(record: Recorder, step: int, answered: Answered) -> None:
-    """Where a contestant takes the first query to be."""
+    """Where a method takes the first query to be."""
     scored = answered.scored
     heading = float(scored.answer_heading_rad[0])
     truth_heading = float(heading_of(scored.truth[0]))
@@ -146,7 +146,7 @@ def _show_answer(record: Recorder, step: int, answered: Answered) -> None:
         scored.truth_m[0], scored.answer_m[0], str(scored.verdict[0]),
         truth_heading, heading if np.isfinite(heading) else None,
     )  # fmt: skip
-    record.log(f"estimate/{key_of(answered.contestant.name)}", estimate, Tick(step, LEVEL_NS * step))
+    record.log(f"estimate/{key_of(answered.method.name)}", estimate, Tick(step, LEVEL_NS * step))
 
 
 def _positions(plan: Plan) -> Floats:

@@ -24,7 +24,7 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import procrustes
 from omnilab_studies.common.describing import deliver, deliver_queries, show_picture
 from omnilab_studies.common.grids import check_extent, check_step, grid_poses
-from omnilab_studies.common.methods import Contestant, contestants, descriptors_of, fitted_all
+from omnilab_studies.common.methods import Method, descriptors_of, fitted_all, methods_of
 from omnilab_studies.common.viewer_layouts import LOCAL_MAPS
 from omnilab_studies.local_maps import figures
 from omnilab_studies.local_maps.candidates import ShortLists, described, keeping, short_lists
@@ -51,7 +51,7 @@ from omnilab_studies.local_maps.runs import Attempts
 class LocalMap:
     """Study B: queries localised in maps of their own (Berenguer, thesis, 4.5.2, figures 4.15-4.17).
 
-    The run's descriptor and distance choose the places most alike to a query. Each contestant measures the distances
+    The run's descriptor and distance choose the places most alike to a query. Each method measures the distances
     among those and the query, each localizer arranges them in a plane, from several starts; the map is fitted to the
     world (translation, turn, reflection, scale) on its places only, and the error is how far the query then lies from
     where it was taken. Beside it: the map fitted on all its points, which flatters, and the answers that take no map,
@@ -86,33 +86,33 @@ class LocalMap:
         check_extent(self.extent_m)
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
-        """Choose, compare, arrange, fit, score: for every step, number of neighbours, contestant and localizer."""
+        """Choose, compare, arrange, fit, score: for every step, number of neighbours, method and localizer."""
         record.log("", LOCAL_MAPS)
         if scene := parts.sensor.scene():
             record.log("room", scene)
         makers = makers_of(parts)
         grids = self._grids(parts)
         asked, plan = self._queries(parts, grids, rng)
-        chooser, rivals = _contestants(parts, next(iter(grids.values())), record)
+        chooser, methods = _contestants(parts, next(iter(grids.values())), record)
         seed, *starts = rng.integers(2**32, size=1 + self.starts)
 
         # the queries: imaged and described once
         shown: list[tuple[Frames, int]] = []
         frames = keeping(deliver_queries(asked, plan, record, int(seed)), shown, self.show)
-        queries = described([chooser, *rivals], frames, "queries", record)
+        queries = described([chooser, *methods], frames, "queries", record)
 
         # the maps: of every step, by all
         attempts = Attempts(makers, np.array(starts), record)
         omitted = [*queries.omitted, *(sentence for grid in grids.values() for sentence in grid.omitted)]
         for step_m, grid in grids.items():
             frames = deliver(parts, grid, record, f"places, {step_m:g} m")
-            places = described([chooser, *rivals], frames, "places", record)
+            places = described([chooser, *methods], frames, "places", record)
             self._check_neighbours(step_m, len(places.position_m))
             omitted += places.omitted
             lists = short_lists(chooser, places, queries, max(self.neighbours), record)
-            attempts.make(step_m, lists, rivals, self.neighbours)
+            attempts.make(step_m, lists, methods, self.neighbours)
             if step_m == next(iter(grids)):
-                maps = _show(first_of(attempts.trials)[0], lists, attempts, rivals, shown, record)
+                maps = _show(first_of(attempts.trials)[0], lists, attempts, methods, shown, record)
 
         # what it amounts to
         trials = attempts.trials
@@ -144,24 +144,24 @@ class LocalMap:
         return parts, parts.sensor.plan(layout)
 
 
-def _contestants(parts: Parts, grid: Plan, record: Recorder) -> tuple[Contestant, list[Contestant]]:
+def _contestants(parts: Parts, grid: Plan, record: Recorder) -> tuple[Method, list[Method]]:
     """Who chooses the places, and who arranges them. Descriptors that are alike describe once."""
-    names = {name for name, descriptor in descriptors_of(contestants(parts)).items() if descriptor == parts.descriptor}
+    names = {name for name, descriptor in descriptors_of(methods_of(parts)).items() if descriptor == parts.descriptor}
     learnt = fitted_all(parts, grid, record)
-    chooser = Contestant("choice", min(names, default="choice"), learnt.descriptor, learnt.distance, "distance")
-    return chooser, contestants(learnt)
+    chooser = Method("choice", min(names, default="choice"), learnt.descriptor, learnt.distance, "distance")
+    return chooser, methods_of(learnt)
 
 
 def _show(
-    best: Trial, lists: ShortLists, attempts: Attempts, rivals: Sequence[Contestant],
+    best: Trial, lists: ShortLists, attempts: Attempts, methods: Sequence[Method],
     shown: Sequence[tuple[Frames, int]], record: Recorder,
 ) -> list[FittedMap]:  # fmt: skip
-    """The best contestant's maps of the first queries, as they settle; and the error of every query."""
+    """The best method's maps of the first queries, as they settle; and the error of every query."""
     case = best.case
     places_m, height_m = lists.places_m(case.neighbours), lists.places.position_m[0, 2]
     record.log("places", PlaceMap(lists.places.position_m))
-    rival = next(rival for rival in rivals if rival.name == case.contestant)
-    pairs = lists.pairs(rival, case.neighbours, len(shown))
+    method = next(method for method in methods if method.name == case.method)
+    pairs = lists.pairs(method, case.neighbours, len(shown))
     arrangement = attempts.again(case, pairs)
     step = 0
     maps = []

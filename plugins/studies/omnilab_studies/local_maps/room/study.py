@@ -23,7 +23,7 @@ class Room(LocalMap):
 
     Virtual: `side` x `side` places on the free square nearest to `center_m`, queries within it. Recorded, with `every`:
     each n-th row and column are places, and the queries are the other images, or those that the sensor has with the
-    settings `tests` (`+study.tests.path=DIR`). Errors, contestants and localizers are those of the study `local_map`; disturbances
+    settings `tests` (`+study.tests.path=DIR`). Errors, methods and localizers are those of the study `local_map`; disturbances
     spoil the queries, so that a sweep over occlusion compares with and without.
     """
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnilab.api import Arrangement, Floats, Ints, Metric
+from omnilab.api import Embedding, Floats, Ints, Metric
 from omnilab.errors import DataError
 from omnilab.geometry import Similarity, procrustes
 from omnilab_studies.common import charts
@@ -23,7 +23,7 @@ class WholeCase(NamedTuple):
     """What a map is of, and how it was made."""
 
     step_m: float
-    contestant: str
+    method: str
     links: int  # most alike images whose distances count; 0: all distances do
     localizer: str
 
@@ -35,7 +35,7 @@ class WholeMap:
     case: WholeCase
     position_m: Floats  # (n, 3) the truth
     length: Floats  # (n, n) the distances that the map was made of
-    made: Arrangement
+    made: Embedding
     seconds: float  # to arrange it
 
     @cached_property
@@ -73,7 +73,7 @@ class WholeMap:
 
     @property
     def title(self) -> str:
-        return f"{self.case.contestant}, {self.way}, step {self.case.step_m:g} m: RMS {self.rms_steps:.2f} steps"
+        return f"{self.case.method}, {self.way}, step {self.case.step_m:g} m: RMS {self.rms_steps:.2f} steps"
 
 
 def grid_edges(position_m: Floats, step_m: float) -> Ints:
@@ -100,7 +100,7 @@ def geodesic(length: Floats, links: int) -> Floats:
 
 
 def best_of_each(maps: Sequence[WholeMap]) -> list[WholeMap]:
-    """The best map of every step and contestant."""
+    """The best map of every step and method."""
     groups = dict.fromkeys(one.case[:2] for one in maps)
     return [min((one for one in maps if one.case[:2] == group), key=lambda one: one.rms_m) for group in groups]
 
@@ -151,12 +151,12 @@ def metrics_of(maps: Sequence[WholeMap], left_out: int) -> list[Metric]:
 
 
 def _key(case: WholeCase) -> str:
-    return f"{case.contestant.replace(' + ', '_')}_{case.links or 'all'}_{case.localizer}"
+    return f"{case.method.replace(' + ', '_')}_{case.links or 'all'}_{case.localizer}"
 
 
 def summary_of(maps: Sequence[WholeMap]) -> str:
     """All maps as Markdown, the best of each step first."""
-    shown = ("contestant", "links", "localizer", "rms_steps", "rms_m", "neighbours_kept", "stress", "iterations")
+    shown = ("method", "links", "localizer", "rms_steps", "rms_m", "neighbours_kept", "stress", "iterations")
     parts = ["## Topological maps"]
     for step_m in dict.fromkeys(one.case.step_m for one in maps):
         ranking = sorted((one for one in maps if one.case.step_m == step_m), key=lambda one: one.rms_m)

@@ -10,10 +10,10 @@ from typing import ClassVar
 import numpy as np
 
 from omnilab.api import (
+    Embedder,
     Floats,
     Frames,
     GridPoses,
-    MapMaker,
     Parts,
     PathPoses,
     PlaceMap,
@@ -28,7 +28,7 @@ from omnilab.geometry import planar_poses, spanned
 from omnilab_studies.common.describing import deliver, show_picture
 from omnilab_studies.common.free_area import window
 from omnilab_studies.common.grids import check_step
-from omnilab_studies.common.methods import Contestant, contestants, fitted_all, prepared
+from omnilab_studies.common.methods import Method, fitted_all, methods_of, prepared
 from omnilab_studies.common.scores import known_poses
 from omnilab_studies.common.viewer_layouts import TOPOLOGICAL_MAPS
 from omnilab_studies.local_maps import figures
@@ -57,7 +57,7 @@ from omnilab_studies.local_maps.topological_map.results import (
 class TopologicalMap:
     """Study H: a map of all images of a grid at once (Payá et al., 2016, 3.2, 4.4, figures 12-14).
 
-    Every contestant measures the distances of all pairs, every localizer arranges them in a plane, and the map is
+    Every method measures the distances of all pairs, every localizer arranges them in a plane, and the map is
     fitted to the world (translation, turn, reflection, scale): the residual is its error. Image distances saturate, so
     that far pairs seem closer than they are. `links` n keeps each image's distances to its n most alike ones and takes
     the shortest paths along those for all others (Isomap: Tenenbaum et al., 2000); 0 takes all distances as they are.
@@ -91,7 +91,7 @@ class TopologicalMap:
             raise ConfigError(f"study.show={self.show} shows nothing; give 0 for no pictures, or how many")
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
-        """Describe, compare all with all, arrange, fit: for every step, contestant, links and localizer."""
+        """Describe, compare all with all, arrange, fit: for every step, method, links and localizer."""
         if parts.disturbances:
             raise ConfigError("topological_map has no queries to disturb; leave disturbance out")
         record.log("", TOPOLOGICAL_MAPS)
@@ -100,15 +100,15 @@ class TopologicalMap:
         makers = makers_of(parts)
         warm_up(makers.values())
         grids = {step_m: self._grid(parts, step_m, rng) for step_m in dict.fromkeys(self.steps_m)}
-        rivals = contestants(fitted_all(parts, grids[self.steps_m[0]], record))
+        methods = methods_of(fitted_all(parts, grids[self.steps_m[0]], record))
 
         # the maps: of every step, by all
         atlas = _Atlas(makers, self.links, self.random_headings, int(rng.integers(2**32)), record)
         omitted: list[str] = []
         for step_m, grid in grids.items():
             frames = deliver(parts, grid, record, f"images, {step_m:g} m")
-            images = described(rivals, self._shown(frames, len(grid), record), "images", record)
-            atlas.make(step_m, images, rivals)
+            images = described(methods, self._shown(frames, len(grid), record), "images", record)
+            atlas.make(step_m, images, methods)
             omitted += images.omitted
         if not atlas.maps:
             raise DataError(f"not one map could be made ({atlas.misfits[0]}); choose other distances, or more links")
@@ -145,43 +145,43 @@ class TopologicalMap:
 
 
 class _Atlas:
-    """Maps of whole grids by every contestant and localizer."""
+    """Maps of whole grids by every method and localizer."""
 
     def __init__(
-        self, makers: Mapping[str, MapMaker], links: Sequence[int], turning: bool, seed: int, record: Recorder
+        self, makers: Mapping[str, Embedder], links: Sequence[int], turning: bool, seed: int, record: Recorder
     ) -> None:
         self._makers, self._links, self._turning, self._seed, self._record = makers, links, turning, seed, record
         self.maps: list[WholeMap] = []
         self.misfits: list[str] = []
 
-    def make(self, step_m: float, images: Described, rivals: Sequence[Contestant]) -> None:
+    def make(self, step_m: float, images: Described, methods: Sequence[Method]) -> None:
         """All maps of one step."""
-        todo = [(rival, links) for rival in rivals for links in self._links]
-        for rival, links in self._record.track(todo, f"maps, {step_m:g} m", len(todo), lambda _: 1):
+        todo = [(method, links) for method in methods for links in self._links]
+        for method, links in self._record.track(todo, f"maps, {step_m:g} m", len(todo), lambda _: 1):
             try:
-                pairs = self._pairs(rival, images, links)
+                pairs = self._pairs(method, images, links)
             except DataError as reason:
-                self.misfits.append(f"{rival.name}, {step_m:g} m, links {links}: {reason}")
+                self.misfits.append(f"{method.name}, {step_m:g} m, links {links}: {reason}")
                 continue
             for name, maker in self._makers.items():
                 start = time.perf_counter()
                 with self._record.timed(f"arrange: {name}"):
-                    made = maker.arrange(pairs[None], np.random.default_rng(self._seed), STATES)
+                    made = maker.embed(pairs[None], np.random.default_rng(self._seed), STATES)
                 seconds = time.perf_counter() - start
-                case = WholeCase(step_m, rival.name, links, name)
+                case = WholeCase(step_m, method.name, links, name)
                 self.maps.append(WholeMap(case, images.position_m, pairs, made, seconds))
 
-    def _pairs(self, rival: Contestant, images: Described, links: int) -> Floats:
+    def _pairs(self, method: Method, images: Described, links: int) -> Floats:
         """The distances (n, n) of all images, along links where these are asked for."""
-        signatures = images.signatures[rival.descriptor_name]
-        prepared(rival, signatures, self._turning)  # tells what does not go together
+        signatures = images.signatures[method.descriptor_name]
+        prepared(method, signatures, self._turning)  # tells what does not go together
         with self._record.timed("compare", len(images.position_m) ** 2):
-            pairs = pair_distances(rival, signatures)
+            pairs = pair_distances(method, signatures)
         return geodesic(pairs, links) if links else pairs
 
 
 def _show(maps: Sequence[WholeMap], record: Recorder) -> None:
-    """The best map of every step and contestant, as it settles."""
+    """The best map of every step and method, as it settles."""
     step = 0
     for one in best_of_each(maps):
         record.log("truth", PlaceMap(one.position_m), Tick(step, STATE_NS * step))

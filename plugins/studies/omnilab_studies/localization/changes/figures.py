@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 
 def rates(rows: Sequence[Mapping[str, Any]]) -> Figure:
-    """Nearest, second and wrong answers in every condition, a panel a contestant (thesis, figure 4.18)."""
-    names = list(dict.fromkeys(row["contestant"] for row in rows))
+    """Nearest, second and wrong answers in every condition, a panel a method (thesis, figure 4.18)."""
+    names = list(dict.fromkeys(row["method"] for row in rows))
     conditions = list(dict.fromkeys(row["condition"] for row in rows))
     figure = blank(1.6 + 0.75 * len(conditions) * len(names), 4.2)
     for axes, name in zip(figure.subplots(1, len(names), squeeze=False, sharey=True)[0], names, strict=True):
-        own = [row for row in rows if row["contestant"] == name]
+        own = [row for row in rows if row["method"] == name]
         under = np.zeros(len(own))
         for verdict in VERDICTS:
             share = 100 * np.array([row[f"{verdict}_rate"] for row in own])

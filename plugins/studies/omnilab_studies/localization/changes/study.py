@@ -11,11 +11,11 @@ import numpy as np
 from omnilab.api import (
     Answers,
     Bytes,
-    Layout,
     Metric,
     Parts,
     PlaceMap,
     Plan,
+    PoseRequest,
     RandomPoses,
     RecordedPoses,
     Recorder,
@@ -32,7 +32,7 @@ from omnilab_studies.common.comparison import columns_of, key_of
 from omnilab_studies.common.describing import deliver_queries, show_picture
 from omnilab_studies.common.grids import check_extent, check_step_or_every, grid_poses
 from omnilab_studies.common.localization_run import estimate_of
-from omnilab_studies.common.method_runs import Rivals
+from omnilab_studies.common.method_runs import MethodRuns
 from omnilab_studies.common.pose_sources import Source, changed
 from omnilab_studies.common.scores import Scored, joined, known_poses
 from omnilab_studies.common.viewer_layouts import CONDITIONS
@@ -84,19 +84,19 @@ class Changes:
         sensors = self._sensors(parts.sensor)
         plans = {name: self._plan(sensor, seed, i) for i, (name, sensor) in enumerate(sensors.items())}
         grid = parts.sensor.plan(grid_poses(self.step_m, self.every, self.extent_m, self.height_m))
-        rivals = Rivals(parts, grid, record)
+        runs = MethodRuns(parts, grid, record)
         record.log("places", PlaceMap(known_poses(grid.T_world_camera, "places")[:, :3, 3]))
 
-        answers: dict[tuple[str, str], Scored] = {}  # of a contestant, in a condition
+        answers: dict[tuple[str, str], Scored] = {}  # of a method, in a condition
         pictures: dict[str, Bytes] = {}
         omitted = list(grid.omitted)
         for step, (name, sensor) in enumerate(sensors.items()):
-            asked, pictures[name], left_out = self._ask(rivals, parts, sensor, plans[name], record, spoil, step)
-            answers |= {(contestant, name): scored for contestant, scored in asked.items()}
+            asked, pictures[name], left_out = self._ask(runs, parts, sensor, plans[name], record, spoil, step)
+            answers |= {(method, name): scored for method, scored in asked.items()}
             omitted += left_out
             record.log("log", Text(name), Tick(step, CONDITION_NS * step))
 
-        rows = [_row(contestant, name, scored, rng) for (contestant, name), scored in answers.items()]
+        rows = [_row(method, name, scored, rng) for (method, name), scored in answers.items()]
         _show_rates(record, rows, list(sensors))
         record.log("summary", Text(f"## Changes\n\n{markdown(columns_of(_short(rows)))}", markdown=True))
         for sentence in omitted:
@@ -118,7 +118,7 @@ class Changes:
             plan = plan.at(np.sort(chosen))
         return plan
 
-    def _layout(self, seed: int) -> Layout:
+    def _layout(self, seed: int) -> PoseRequest:
         if self.queries is Source.recorded:
             return RecordedPoses()
         step = None if self.heading_step_deg is None else float(np.deg2rad(self.heading_step_deg))
@@ -126,10 +126,10 @@ class Changes:
         return RandomPoses(self.query_count, seed, step, extent, self.height_m)
 
     def _ask(
-        self, rivals: Rivals, parts: Parts, sensor: Sensor, plan: Plan, record: Recorder, seed: int, step: int
+        self, runs: MethodRuns, parts: Parts, sensor: Sensor, plan: Plan, record: Recorder, seed: int, step: int
     ) -> tuple[dict[str, Scored], Bytes, list[str]]:
-        """The answers of every contestant to the queries of one condition, its first picture, and what was left out."""
-        found: dict[str, list[Scored]] = {c.name: [] for c in rivals.contestants}
+        """The answers of every method to the queries of one condition, its first picture, and what was left out."""
+        found: dict[str, list[Scored]] = {c.name: [] for c in runs.methods}
         pictures: list[Bytes] = []
         omitted = list(plan.omitted)
         for frames in deliver_queries(replace(parts, sensor=sensor), plan, record, seed):
@@ -137,21 +137,21 @@ class Changes:
             if not pictures and len(frames):
                 pictures.append(frames.images[0])
                 show_picture(record, frames, 0, Tick(step, CONDITION_NS * step))
-            for answered in rivals.answers(frames):
-                found[answered.contestant.name].append(answered.scored)
+            for answered in runs.answers(frames):
+                found[answered.method.name].append(answered.scored)
         asked = {name: joined(batches) for name, batches in found.items()}
         _show_answers(record, asked, step)
         return asked, pictures[0], omitted
 
 
-def _row(contestant: str, condition: str, scored: Scored, rng: np.random.Generator) -> dict[str, Any]:
-    """One contestant in one condition."""
+def _row(method: str, condition: str, scored: Scored, rng: np.random.Generator) -> dict[str, Any]:
+    """One method in one condition."""
     nearest = scored.verdict == "nearest"
     known = nearest | (scored.verdict == "second")
     low, high = bootstrap(lambda chosen: float(nearest[chosen].mean()), len(nearest), rng)
     low2, high2 = bootstrap(lambda chosen: float(known[chosen].mean()), len(nearest), rng)
     return {
-        "contestant": contestant,
+        "method": method,
         "condition": condition,
         "queries": len(nearest),
         **{f"{verdict}_rate": float(np.mean(scored.verdict == verdict)) for verdict in VERDICTS},
@@ -167,12 +167,12 @@ def _row(contestant: str, condition: str, scored: Scored, rng: np.random.Generat
 
 def _short(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """What the viewer's table has room for."""
-    kept = ("contestant", "condition", "queries", "nearest_rate", "nearest_or_second_rate", "position_error_median_m")
+    kept = ("method", "condition", "queries", "nearest_rate", "nearest_or_second_rate", "position_error_median_m")
     return [{name: row[name] for name in kept} for row in rows]
 
 
 def _show_answers(record: Recorder, asked: Mapping[str, Scored], step: int) -> None:
-    """Where the first contestant takes the queries of a condition to be, and each contestant the first of them."""
+    """Where the first method takes the queries of a condition to be, and each method the first of them."""
     tick = Tick(step, CONDITION_NS * step)
     first = next(iter(asked.values()))
     record.log("answers", Answers(first.truth_m, first.answer_m, list(first.verdict)), tick)
@@ -182,22 +182,22 @@ def _show_answers(record: Recorder, asked: Mapping[str, Scored], step: int) -> N
 
 def _show_rates(record: Recorder, rows: Sequence[Mapping[str, Any]], conditions: Sequence[str]) -> None:
     steps = np.arange(len(conditions))
-    for name in dict.fromkeys(row["contestant"] for row in rows):
-        rates = np.array([row["nearest_rate"] for row in rows if row["contestant"] == name])
+    for name in dict.fromkeys(row["method"] for row in rows):
+        rates = np.array([row["nearest_rate"] for row in rows if row["method"] == name])
         record.log(f"nearest/{key_of(name)}", Series(rates, steps, CONDITION_NS * steps, "1"))
 
 
 def _metrics(rows: Sequence[Mapping[str, Any]], places: int) -> list[Metric]:
-    """The worst changed condition of each contestant first: what the thesis's claim is about."""
+    """The worst changed condition of each method first: what the thesis's claim is about."""
     found: list[Metric] = []
-    for name in dict.fromkeys(row["contestant"] for row in rows):
-        own = [row for row in rows if row["contestant"] == name and row["condition"] != UNCHANGED]
+    for name in dict.fromkeys(row["method"] for row in rows):
+        own = [row for row in rows if row["method"] == name and row["condition"] != UNCHANGED]
         for rate in ("nearest", "nearest_or_second"):
             worst = min(own, key=lambda row: row[f"{rate}_rate"])
             interval = (worst[f"{rate}_low"], worst[f"{rate}_high"])
             found.append(Metric(f"{key_of(name)}_{rate}_rate_worst", worst[f"{rate}_rate"], "1", interval))
     for row in rows:
-        key = f"{key_of(row['contestant'])}_{str(row['condition']).replace(' ', '_')}"
+        key = f"{key_of(row['method'])}_{str(row['condition']).replace(' ', '_')}"
         found.append(Metric(f"{key}_nearest_rate", row["nearest_rate"], "1", (row["nearest_low"], row["nearest_high"])))
         interval = (row["nearest_or_second_low"], row["nearest_or_second_high"])
         found.append(Metric(f"{key}_nearest_or_second_rate", row["nearest_or_second_rate"], "1", interval))

@@ -8,12 +8,23 @@ from typing import ClassVar
 
 import numpy as np
 
-from omnilab.api import GridPoses, Image, Layout, Parts, PlaceMap, RandomPoses, RecordedPoses, Recorder, Report, Text
+from omnilab.api import (
+    GridPoses,
+    Image,
+    Parts,
+    PlaceMap,
+    PoseRequest,
+    RandomPoses,
+    RecordedPoses,
+    Recorder,
+    Report,
+    Text,
+)
 from omnilab.errors import ConfigError
 from omnilab_studies.common import plots
 from omnilab_studies.common.describing import describe_places, fitted, markdown_table
 from omnilab_studies.common.grids import check_extent, check_step_or_every, grid_poses
-from omnilab_studies.common.localization_run import Asking
+from omnilab_studies.common.localization_run import LocalizationRun
 from omnilab_studies.common.recall import judged, of_map
 from omnilab_studies.common.scores import as_table
 from omnilab_studies.common.viewer_layouts import PLACES
@@ -67,17 +78,17 @@ class Grid:
         grid = parts.sensor.plan(self._grid())
         parts = fitted(parts, grid, record)
         places, omitted = describe_places(parts, grid, record)
-        asking = Asking(parts, places, record, self.show)
-        record.log("places", PlaceMap(asking.places_m))
+        run = LocalizationRun(parts, places, record, self.show)
+        record.log("places", PlaceMap(run.places_m))
 
         # the queries: localised batch by batch, and scored against where they were taken
         seed = int(rng.integers(2**32))  # of the disturbances; drawn after the poses, so that they change none
-        scored = asking.ask(plan, seed)
-        omitted += asking.omitted
+        scored = run.ask(plan, seed)
+        omitted += run.omitted
 
         # what it amounts to
-        metrics = [*judged(scored, len(places), asking.step_m, rng), *of_map(places, scored, len(omitted))]
-        drawn = asking.figures(scored) | {"worst": asking.worst(plan, scored, seed)}
+        metrics = [*judged(scored, len(places), run.step_m, rng), *of_map(places, scored, len(omitted))]
+        drawn = run.figures(scored) | {"worst": run.worst(plan, scored, seed)}
         record.log("recall", Image(plots.pixels_of(drawn["recall"]), "png"))
         record.log("summary", Text(markdown_table(metrics, "Grid study"), markdown=True))
         for sentence in omitted:
@@ -87,7 +98,7 @@ class Grid:
     def _grid(self) -> GridPoses:
         return grid_poses(self.step_m, self.every, self.extent_m, self.height_m)
 
-    def _layout(self, rng: np.random.Generator) -> Layout:
+    def _layout(self, rng: np.random.Generator) -> PoseRequest:
         if self.queries is Queries.rest:
             return RecordedPoses(without=self._grid())
         step = None if self.heading_step_deg is None else float(np.deg2rad(self.heading_step_deg))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from omnilab.api import Floats, Frames, Layout, Mesh, Places, Plan, RandomPoses, Sensor
+from omnilab.api import Floats, Frames, Mesh, Places, Plan, PoseRequest, RandomPoses, Sensor
 from omnilab.errors import ConfigError
 from omnilab_studies.common.scores import known_poses
 
@@ -27,7 +27,7 @@ class SideBySide:
     end_m: Floats  # (N,) where it ends, in x
 
     @classmethod
-    def of(cls, sensors: Sequence[Sensor], layout: Layout) -> SideBySide:
+    def of(cls, sensors: Sequence[Sensor], layout: PoseRequest) -> SideBySide:
         """The worlds moved apart by what a layout covers of each, and by what there is to see of it."""
         shifts: list[float] = []
         ends: list[float] = []
@@ -47,7 +47,7 @@ class SideBySide:
         count = int((T[:, 0, 3] < self.end_m[-1]).sum())
         return Places(places.signatures[:count], T[:count], places.keys[:count])
 
-    def plan(self, layout: Layout) -> Plan:
+    def plan(self, layout: PoseRequest) -> Plan:
         """The layout's poses in every world, one world after the other."""
         plans = [sensor.plan(own) for sensor, own in zip(self.sensors, self._shared(layout), strict=True)]
         poses = [
@@ -80,14 +80,14 @@ class SideBySide:
             np.concatenate([mesh.colors for mesh, _ in meshes]),
         )
 
-    def _shared(self, layout: Layout) -> list[Layout]:
+    def _shared(self, layout: PoseRequest) -> list[PoseRequest]:
         if not isinstance(layout, RandomPoses):
             return [layout] * len(self.sensors)
         ends = np.linspace(0, layout.count, len(self.sensors) + 1).astype(int)
         return [replace(layout, count=int(count)) for count in np.diff(ends)]
 
 
-def _width(sensor: Sensor, layout: Layout) -> tuple[float, float]:
+def _width(sensor: Sensor, layout: PoseRequest) -> tuple[float, float]:
     """The least and the greatest x of a layout's poses, and of the world around them."""
     x = known_poses(sensor.plan(layout).T_world_camera, "places")[:, 0, 3]
     if mesh := sensor.scene():

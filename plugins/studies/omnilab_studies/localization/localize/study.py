@@ -12,7 +12,6 @@ from omnilab.api import (
     Estimates,
     Floats,
     Image,
-    Learner,
     Metric,
     Parts,
     PlaceMap,
@@ -21,13 +20,14 @@ from omnilab.api import (
     Report,
     Text,
     Tick,
+    Trainable,
 )
 from omnilab.errors import ConfigError
 from omnilab.geometry import heading_of, wrap_angle
 from omnilab_studies.common import plots
 from omnilab_studies.common.describing import deliver_queries, describe, markdown_table, show_frame
 from omnilab_studies.common.grids import check_extent
-from omnilab_studies.common.localization_run import Asking
+from omnilab_studies.common.localization_run import LocalizationRun
 from omnilab_studies.common.pose_sources import Source, layout_without_grid
 from omnilab_studies.common.recall import judged, of_map
 from omnilab_studies.common.scores import as_table
@@ -73,19 +73,19 @@ class Localize:
             )
         )
         places = parts.map
-        if isinstance(parts.descriptor, Learner):
-            parts = replace(parts, descriptor=parts.descriptor.restore(places.learnt))
-        asking = Asking(parts, places, record, self.show)
-        record.log("places", PlaceMap(asking.places_m))
+        if isinstance(parts.descriptor, Trainable):
+            parts = replace(parts, descriptor=parts.descriptor.restore(places.descriptor_state))
+        run = LocalizationRun(parts, places, record, self.show)
+        record.log("places", PlaceMap(run.places_m))
 
         seed = int(rng.integers(2**32))
         if plan.T_world_camera is None:
-            return self._answer(parts, plan, asking, record, seed)
-        scored = asking.ask(plan, seed, self._motion(plan.T_world_camera, rng))
-        metrics = [*judged(scored, len(places), asking.step_m, rng), *of_map(places, scored, len(asking.omitted))]
-        drawn = asking.figures(scored)
+            return self._answer(parts, plan, run, record, seed)
+        scored = run.ask(plan, seed, self._motion(plan.T_world_camera, rng))
+        metrics = [*judged(scored, len(places), run.step_m, rng), *of_map(places, scored, len(run.omitted))]
+        drawn = run.figures(scored)
         record.log("recall", Image(plots.pixels_of(drawn["recall"]), "png"))
-        _close(record, metrics, asking.omitted)
+        _close(record, metrics, run.omitted)
         return Report(metrics, {"queries": as_table(scored, plan.keys)}, drawn)
 
     def _motion(self, T_world_camera: Floats, rng: np.random.Generator) -> Floats | None:
@@ -96,7 +96,7 @@ class Localize:
         scale = np.linalg.norm(motion[:, :2], axis=1)[:, None] * [1, 1, 0] + np.abs(motion[:, 2:]) * [0, 0, 1]
         return np.asarray(motion + self.odometry_noise * scale * rng.standard_normal(motion.shape))
 
-    def _answer(self, parts: Parts, plan: Plan, asking: Asking, record: Recorder, seed: int) -> Report:
+    def _answer(self, parts: Parts, plan: Plan, run: LocalizationRun, record: Recorder, seed: int) -> Report:
         """The answers to queries of which nobody knows where they were taken."""
         rows: list[dict[str, Any]] = []
         omitted = list(plan.omitted)
@@ -104,7 +104,7 @@ class Localize:
             omitted += frames.omitted
             signatures = describe(parts.descriptor, frames, record)
             with record.timed("localise", len(frames)):
-                estimates = asking.locate(signatures)
+                estimates = run.locate(signatures)
             for i, step in enumerate(frames.plan_index):
                 rows.append(_row(int(step), plan.keys[step], estimates, i))
             step = int(frames.plan_index[0])
@@ -113,7 +113,7 @@ class Localize:
         metrics = [
             Metric("queries", len(rows), "1"),
             Metric("distance_median", float(np.median([row["distance"] for row in rows])) if rows else np.nan, "1"),
-            Metric("places", len(asking.places), "1"),
+            Metric("places", len(run.places), "1"),
         ]
         _close(record, metrics, omitted)
         return Report(metrics, {"answers": table})

@@ -8,13 +8,13 @@ from typing import ClassVar
 import numpy as np
 
 from omnilab.api import (
-    Layout,
     Metric,
     NamedPath,
     Parts,
     PlaceMap,
     Places,
     Plan,
+    PoseRequest,
     RecordedPoses,
     Recorder,
     Report,
@@ -86,7 +86,7 @@ class MakeMap:
             for i, step in enumerate(chosen[frames.plan_index]):
                 show_frame(record, frames, i, places.signatures.place[at[frames.keys[i]]], Tick(int(step), int(step)))
 
-    def _layout(self) -> Layout:
+    def _layout(self) -> PoseRequest:
         if self.places is Source.recorded:
             return RecordedPoses()
         if self.places is Source.path:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from omnilab.metrics import VERDICTS
-from omnilab_studies.common.comparison_plots import look
+from omnilab_studies.common.comparison_plots import style_of
 from omnilab_studies.common.plots import COLORS
 from omnilab_studies.common.plots import _figure as blank
 
@@ -20,14 +20,14 @@ Rows = Sequence[Mapping[str, Any]]
 
 
 def success(rows: Rows) -> Figure:
-    """Nearest, second and wrong answers against the step: contestants across, kinds of headings down (thesis, figure 4.13)."""
-    names = list(dict.fromkeys(row["contestant"] for row in rows))
+    """Nearest, second and wrong answers against the step: methods across, kinds of headings down (thesis, figure 4.13)."""
+    names = list(dict.fromkeys(row["method"] for row in rows))
     kinds = list(dict.fromkeys(row["headings"] for row in rows))
     figure = blank(0.9 + 2.9 * len(names), 0.6 + 2.7 * len(kinds))
     panels = figure.subplots(len(kinds), len(names), squeeze=False, sharex=True, sharey=True)
     for line, kind in zip(panels, kinds, strict=True):
         for axes, name in zip(line, names, strict=True):
-            own = [row for row in rows if (row["contestant"], row["headings"]) == (name, kind)]
+            own = [row for row in rows if (row["method"], row["headings"]) == (name, kind)]
             under = np.zeros(len(own))
             for verdict in VERDICTS:
                 share = 100 * np.array([row[f"{verdict}_rate"] for row in own])
@@ -50,13 +50,13 @@ def success(rows: Rows) -> Figure:
 
 def heading_error(rows: Rows) -> Figure:
     """Mean error of the heading against the step (thesis, figure 4.14); medians dotted."""
-    names = list(dict.fromkeys(row["contestant"] for row in rows))
+    names = list(dict.fromkeys(row["method"] for row in rows))
     kinds = list(dict.fromkeys(row["headings"] for row in rows))
-    style = look(names)
+    style = style_of(names)
     figure = blank(0.9 + 3.9 * len(kinds), 3.8)
     for axes, kind in zip(figure.subplots(1, len(kinds), squeeze=False, sharey=True)[0], kinds, strict=True):
         for name in names:
-            own = [row for row in rows if (row["contestant"], row["headings"]) == (name, kind)]
+            own = [row for row in rows if (row["method"], row["headings"]) == (name, kind)]
             steps = [row["step_m"] for row in own]
             axes.plot(steps, [row["heading_error_mean_deg"] for row in own], label=name, **style[name])
             medians = [row["heading_error_median_deg"] for row in own]

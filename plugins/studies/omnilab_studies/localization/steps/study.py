@@ -17,7 +17,7 @@ from omnilab_studies.common.comparison import columns_of, key_of
 from omnilab_studies.common.describing import deliver, show_picture
 from omnilab_studies.common.free_area import headed
 from omnilab_studies.common.grids import check_extent, check_step, grid_poses
-from omnilab_studies.common.method_runs import Cost, Rivals
+from omnilab_studies.common.method_runs import Cost, MethodRuns
 from omnilab_studies.common.scores import Scored, joined, known_poses
 from omnilab_studies.common.viewer_layouts import STEPS
 from omnilab_studies.localization.steps import figures
@@ -25,7 +25,7 @@ from omnilab_studies.localization.steps import figures
 ANY, ON_GRID = "any", "on_grid"  # headings
 STEP_NS = 100_000_000  # between two steps, in the logs
 
-Key = tuple[float, str, str]  # step of the map, contestant, headings
+Key = tuple[float, str, str]  # step of the map, method, headings
 
 
 @dataclass
@@ -34,7 +34,7 @@ class Steps:
 
     The same positions asked in maps of several steps, once with headings on the angle grid, where a turn shifts a
     signature by whole samples, and once with any heading. Rates of nearest, second and wrong answers and the mean
-    heading error of every contestant. `experiment=grid` shows one step in depth.
+    heading error of every method. `experiment=grid` shows one step in depth.
     """
 
     steps_m: list[float] = field(default_factory=lambda: [0.1, 0.2, 0.3, 0.4])  # of the maps
@@ -75,24 +75,24 @@ class Steps:
         omitted = list(free.omitted)
         for number, step_m in enumerate(self.steps_m):
             grid = parts.sensor.plan(grid_poses(step_m, None, self.extent_m, self.height_m))
-            rivals = Rivals(parts, grid, record)
+            runs = MethodRuns(parts, grid, record)
             places[step_m] = len(grid)
             omitted += grid.omitted
             tick = Tick(number, STEP_NS * number)
             record.log("places", PlaceMap(known_poses(grid.T_world_camera, "places")[:, :3, 3]), tick)
             for kind, plan in plans.items():
-                batches: dict[str, list[Scored]] = {c.name: [] for c in rivals.contestants}
+                batches: dict[str, list[Scored]] = {c.name: [] for c in runs.methods}
                 for frames in deliver(parts, plan, record, f"{step_m:g} m, {kind} headings"):
-                    for answered in rivals.answers(frames):
-                        batches[answered.contestant.name].append(answered.scored)
+                    for answered in runs.answers(frames):
+                        batches[answered.method.name].append(answered.scored)
                 answers |= {(step_m, name, kind): joined(scored) for name, scored in batches.items()}
-            costs |= {(step_m, c.name): rivals.cost(c) for c in rivals.contestants}
+            costs |= {(step_m, c.name): runs.cost(c) for c in runs.methods}
             show_picture(record, frames, 0, tick)
-            shown = answers[step_m, rivals.contestants[0].name, ANY]
+            shown = answers[step_m, runs.methods[0].name, ANY]
             record.log("answers", Answers(shown.truth_m, shown.answer_m, list(shown.verdict)), tick)
 
         rows = [_row(key, scored, places[key[0]], rng) for key, scored in answers.items()]
-        times = [{"step_m": step_m, "contestant": name, "places": places[step_m], **cost._asdict()}
+        times = [{"step_m": step_m, "method": name, "places": places[step_m], **cost._asdict()}
                  for (step_m, name), cost in costs.items()]  # fmt: skip
         _show_rates(record, rows)
         record.log("summary", Text(f"## Steps\n\n{markdown(columns_of(_short(rows)))}", markdown=True))
@@ -103,12 +103,12 @@ class Steps:
 
 
 def _row(key: Key, scored: Scored, places: int, rng: np.random.Generator) -> dict[str, Any]:
-    step_m, contestant, headings = key
+    step_m, method, headings = key
     nearest = scored.verdict == "nearest"
     low, high = bootstrap(lambda chosen: float(nearest[chosen].mean()), len(nearest), rng)
     return {
         "step_m": step_m,
-        "contestant": contestant,
+        "method": method,
         "headings": headings,
         "places": places,
         "queries": len(nearest),
@@ -123,25 +123,23 @@ def _row(key: Key, scored: Scored, places: int, rng: np.random.Generator) -> dic
 
 def _short(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """What the viewer's table has room for."""
-    kept = ("step_m", "contestant", "headings", "nearest_rate", "wrong_rate", "heading_error_median_deg")
+    kept = ("step_m", "method", "headings", "nearest_rate", "wrong_rate", "heading_error_median_deg")
     return [{name: row[name] for name in kept} for row in rows]
 
 
 def _show_rates(record: Recorder, rows: Sequence[Mapping[str, Any]]) -> None:
-    """A curve of nearest answers over the steps, for every contestant and kind of headings."""
-    for name, headings in dict.fromkeys((row["contestant"], row["headings"]) for row in rows):
-        rates = np.array(
-            [row["nearest_rate"] for row in rows if (row["contestant"], row["headings"]) == (name, headings)]
-        )
+    """A curve of nearest answers over the steps, for every method and kind of headings."""
+    for name, headings in dict.fromkeys((row["method"], row["headings"]) for row in rows):
+        rates = np.array([row["nearest_rate"] for row in rows if (row["method"], row["headings"]) == (name, headings)])
         steps = np.arange(len(rates))
         record.log(f"nearest/{key_of(name)}_{headings}", Series(rates, steps, STEP_NS * steps, "1"))
 
 
 def _metrics(rows: Sequence[Mapping[str, Any]]) -> list[Metric]:
-    """Rates of nearest answers and heading errors, by contestant, step and kind of headings."""
+    """Rates of nearest answers and heading errors, by method, step and kind of headings."""
     found = []
     for row in rows:
-        key = f"{key_of(row['contestant'])}_{row['step_m']:g}m_{row['headings']}"
+        key = f"{key_of(row['method'])}_{row['step_m']:g}m_{row['headings']}"
         found.append(Metric(f"{key}_nearest_rate", row["nearest_rate"], "1", (row["nearest_low"], row["nearest_high"])))
         found.append(Metric(f"{key}_wrong_rate", row["wrong_rate"], "1"))
         if np.isfinite(row["heading_error_mean_deg"]):

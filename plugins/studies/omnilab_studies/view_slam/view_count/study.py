@@ -78,7 +78,7 @@ class ViewCount:
                 for drive in drives:
                     one, trace = ran(rivals[name], drive, self.range_m)
                     runs.append(one)
-                    teller.tell(f"{name}, {count} views", trace.said)
+                    teller.tell(f"{name}, {count} views", trace.warnings)
             first = runs if name == shown else first
             case = {"scenario": ground.name, "views": count, "filter": name}
             rows.append({**case, **row_of(runs, first, common, rng)})

@@ -86,7 +86,7 @@ class ViewRange:
                     for drive in drives[: seeds_of(name, self.seeds, self.fewer_seeds)]:
                         one, trace = ran(rivals[name], drive, range_m)
                         runs.append(one)
-                        teller.tell(f"{name}, {ground.name}, {range_m:g} m", trace.said)
+                        teller.tell(f"{name}, {ground.name}, {range_m:g} m", trace.warnings)
                 first = runs if name == shown else first
                 case = {"scenario": ground.name, "range_m": range_m, "filter": name}
                 rows.append({**case, **row_of(runs, first, common, rng)})
