@@ -29,12 +29,12 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, wrap_angle
 from omnilab.image import to_gray, view_of
 from omnilab_studies.altitude import figures
+from omnilab_studies.altitude.layout import layout_of
 from omnilab_studies.altitude.results import Altimetry, Case, Told, markdown_of
 from omnilab_studies.common.comparison import columns_of
 from omnilab_studies.common.describing import disturbed
 from omnilab_studies.common.disturbance_levels import check_levels, levels_of
 from omnilab_studies.common.image_columns import Column, Reference, columns_in, free_columns
-from omnilab_studies.common.viewer_layouts import rising
 from omnilab_studies.datasets.render.study import _is_position, _is_range
 
 FRAME_NS = 100_000_000  # between two images, in the logs
@@ -106,7 +106,7 @@ class Altitude:
             column = columns[number]
             if number == 0:
                 curves = _warm_up(altimeters, frames)
-                record.log("", rising(curves, parts.descriptor is not None))
+                record.log("", layout_of(curves, parts.descriptor is not None))
                 _show_images(record, parts, frames)
             rows = {str(reference): reference.row(column) for reference in self._references}
             for level in levels:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from omnilab.api import Embedding, Floats, Ints, Metric
 from omnilab.geometry import procrustes, spanned
 from omnilab.metrics import bootstrap
-from omnilab_studies.common import charts
+from omnilab_studies.common.tables import markdown
 
 Table = Mapping[str, Sequence[Any]]
 
@@ -176,6 +176,6 @@ def summary_of(trials: Sequence[Trial]) -> str:
         parts += [
             f"### {group[0]:g} m, {group[1]} neighbours",
             f"Median errors without a map: centroid {centroid:.3f} m, nearest place {nearest:.3f} m.",
-            charts.markdown({name: table[name] for name in shown}),
+            markdown({name: table[name] for name in shown}),
         ]
     return "\n\n".join(parts)

@@ -36,7 +36,7 @@ from omnilab.posegraph.files import g2o_text, read_graph
 from omnilab.posegraph.graph import arrivals, is_loop, matrices, moved
 from omnilab.trajectory.evaluation import Alignment, evaluate, rms
 from omnilab.trajectory.files import tum_text
-from omnilab_studies.common.charts import markdown
+from omnilab_studies.common.tables import markdown
 from omnilab_studies.pose_graph import figures
 from omnilab_studies.pose_graph.simulated_graphs import Walk, with_wrong_loops
 

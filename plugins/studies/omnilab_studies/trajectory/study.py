@@ -28,8 +28,8 @@ from omnilab.posegraph.graph import matrices, vectors
 from omnilab.trajectory.evaluation import Alignment, aligned, evaluate, path_length
 from omnilab_studies.common.describing import deliver_queries, markdown_table
 from omnilab_studies.common.pose_sources import Source, plan_of_way
-from omnilab_studies.common.viewer_layouts import TRAJECTORY
 from omnilab_studies.trajectory import figures, scale_estimation
+from omnilab_studies.trajectory.layout import LAYOUT
 from omnilab_studies.trajectory.loop_evaluation import Judged, judge
 from omnilab_studies.trajectory.mapping_run import Way
 from omnilab_studies.trajectory.results import (
@@ -86,7 +86,7 @@ class Trajectory:
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Map image by image; optimise the whole; measure."""
         plan = self._plan(parts, rng)
-        record.log("", TRAJECTORY)
+        record.log("", LAYOUT)
         if scene := parts.sensor.scene():
             record.log("room", scene)
         if plan.T_world_camera is not None:

@@ -33,13 +33,13 @@ from omnilab.trajectory.files import tum_text
 from omnilab_studies.common.describing import deliver_queries, evenly, markdown_table
 from omnilab_studies.common.match_images import pair
 from omnilab_studies.common.pose_sources import Source, plan_of_way
-from omnilab_studies.common.viewer_layouts import VIEW_SLAM
 from omnilab_studies.view_slam import figures
 from omnilab_studies.view_slam.consistency import errors, nees, nees_bounds
 from omnilab_studies.view_slam.display import ODOMETRY, TRUTH, Bearings, line, show_errors, show_step
 from omnilab_studies.view_slam.filter_comparison import Teller, columns, rivals_of
 from omnilab_studies.view_slam.filter_runs import position_rms
 from omnilab_studies.view_slam.front_end import Association, Looked, ViewMapper, agreeing
+from omnilab_studies.view_slam.layout import VIEW_SLAM
 from omnilab_studies.view_slam.saved_views import Keeper, check_sensors, known_views
 
 VIEWS = "views"  # the odometry that tells the relative pose of two images

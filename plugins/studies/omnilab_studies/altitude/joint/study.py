@@ -12,13 +12,13 @@ from omnilab.api import Floats, Metric, Parts, PlaceMap, Plan, RandomPoses, Reco
 from omnilab.errors import ConfigError
 from omnilab.metrics import bootstrap
 from omnilab_studies.altitude.joint import figures
-from omnilab_studies.common.charts import markdown
+from omnilab_studies.altitude.joint.layout import LAYOUT
 from omnilab_studies.common.comparison import columns_of
 from omnilab_studies.common.describing import deliver_queries, describe, describe_places, fitted, show_frame
 from omnilab_studies.common.grids import check_extent, check_step, grid_poses
 from omnilab_studies.common.localization_run import LocalizationRun, estimate_of
 from omnilab_studies.common.scores import Scored, joined, score
-from omnilab_studies.common.viewer_layouts import JOINT
+from omnilab_studies.common.tables import markdown
 
 OFFSET_NS = 100_000_000  # between two heights, in the logs
 LEVEL_M = 0.05  # rises below it have no sign that one could miss
@@ -56,7 +56,7 @@ class Joint:
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Map at one height; ask at others; from the answered place, tell how much higher."""
-        record.log("", JOINT)
+        record.log("", LAYOUT)
         if scene := parts.sensor.scene():
             record.log("room", scene)
         seed = int(rng.integers(2**32))

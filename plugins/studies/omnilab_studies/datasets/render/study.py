@@ -41,8 +41,8 @@ from omnilab_studies.common.dataset_files import DataSet, contents_of
 from omnilab_studies.common.describing import evenly, markdown_table
 from omnilab_studies.common.grids import check_extent, grid_poses
 from omnilab_studies.common.image_columns import column
-from omnilab_studies.common.viewer_layouts import IMAGES
 from omnilab_studies.datasets.render.dataset_writer import Found, Job, Made, made
+from omnilab_studies.datasets.render.layout import LAYOUT
 from omnilab_studies.datasets.render.point_cloud import cloud_of, write_ply
 
 FRAME_NS = 100_000_000  # between images that were not recorded
@@ -132,7 +132,7 @@ class Render:
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Plan, make what is missing, describe it."""
-        record.log("", IMAGES)
+        record.log("", LAYOUT)
         if scene := parts.sensor.scene():
             record.log("room", scene)
 

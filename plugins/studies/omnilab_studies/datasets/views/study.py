@@ -29,7 +29,7 @@ from omnilab.geometry import poses, rotation_xyz
 from omnilab.image import panorama, point_cloud, to_color
 from omnilab_studies.common import plots
 from omnilab_studies.common.describing import deliver, markdown_table
-from omnilab_studies.common.viewer_layouts import views
+from omnilab_studies.datasets.views.layout import layout_of
 
 FIGURE_3_10 = [  # the thesis's, from a place that is clear in both rooms: up by 0.4 m, 1.5 m aside, turned by 60 and 50 degrees
     [0.0, -1.5, 1.0, 0.0, 0.0, 0.0],
@@ -65,7 +65,7 @@ class Views:
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Take a picture at every pose, and show all that is in it."""
-        record.log("", views(self.panoramas))
+        record.log("", layout_of(self.panoramas))
         if scene := parts.sensor.scene():
             record.log("room", scene)
         values = np.array(self.poses, float)

@@ -22,7 +22,6 @@ from omnilab.api import (
 )
 from omnilab.errors import ConfigError, DataError
 from omnilab.metrics import distances_to, verdicts
-from omnilab_studies.common import charts
 from omnilab_studies.common.describing import deliver, deliver_queries
 from omnilab_studies.common.grids import check_extent, check_step_or_every, grid_poses
 from omnilab_studies.common.methods import (
@@ -31,8 +30,11 @@ from omnilab_studies.common.methods import (
     methods_of,
     prepared,
 )
+from omnilab_studies.common.tables import markdown
 from omnilab_studies.common.timing import Described, Pictures, clocked
-from omnilab_studies.common.viewer_layouts import comparison
+from omnilab_studies.descriptors.cost import figures
+from omnilab_studies.descriptors.figures import pareto
+from omnilab_studies.descriptors.layout import layout_of
 
 Row = dict[str, Any]
 
@@ -71,7 +73,7 @@ class Cost:
         """Take images, describe them by every descriptor, compare by every distance, with a clock at hand."""
         methods = methods_of(parts)
         descriptors = descriptors_of(methods)
-        record.log("", comparison())
+        record.log("", layout_of())
         if scene := parts.sensor.scene():
             record.log("room", scene)
 
@@ -163,16 +165,16 @@ def _name(row: Row) -> str:
 def _summary(table: Mapping[str, Sequence[Any]], places: Pictures, queries: Pictures) -> str:
     title = f"## Cost, {len(places)} places, {len(queries)} queries"
     hidden = {"method", "parameters", "localise_ms"}
-    return "\n".join([title, "", charts.markdown({k: column for k, column in table.items() if k not in hidden})])
+    return "\n".join([title, "", markdown({k: column for k, column in table.items() if k not in hidden})])
 
 
 def _figures(rows: Sequence[Row]) -> dict[str, Any]:
     shown = ("describe_ms", "query_ms")
     points = {row["method"]: (row["localise_ms"], row["nearest_rate"]) for row in rows}
     return {
-        "times": charts.bars(
+        "times": figures.bars(
             {row["method"]: {name.removesuffix("_ms"): row[name] for name in shown} for row in rows},
             "ms an image, ms a query against the map", "Describing, and comparing with the map",
         ),
-        "pareto": charts.pareto(points, "ms a query: view, description, comparison", "answered the nearest place", "Time against accuracy"),
+        "pareto": pareto(points, "ms a query: view, description, comparison", "answered the nearest place", "Time against accuracy"),
     }  # fmt: skip

@@ -25,7 +25,6 @@ from omnilab.api import (
 )
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses
-from omnilab_studies.common import charts
 from omnilab_studies.common.describing import deliver, show_picture
 from omnilab_studies.common.grids import check_extent, grid_poses
 from omnilab_studies.common.methods import (
@@ -39,7 +38,10 @@ from omnilab_studies.common.methods import (
     settings_of,
 )
 from omnilab_studies.common.scores import known_poses
-from omnilab_studies.common.viewer_layouts import comparison
+from omnilab_studies.common.tables import markdown
+from omnilab_studies.descriptors.figures import pareto
+from omnilab_studies.descriptors.layout import layout_of
+from omnilab_studies.descriptors.linearity import figures
 from omnilab_studies.descriptors.linearity.curves import Curve, lines_on_grid
 
 Table = Mapping[str, Sequence[Any]]
@@ -84,7 +86,7 @@ class Linearity:
         """Draw lines, describe their images, compare the first image of each with the others, fit."""
         if parts.disturbances:
             raise ConfigError("linearity has no queries to disturb; leave disturbance out")
-        record.log("", comparison(list(descriptors_of(methods_of(parts)))))
+        record.log("", layout_of(list(descriptors_of(methods_of(parts)))))
         if scene := parts.sensor.scene():
             record.log("room", scene)
 
@@ -227,7 +229,7 @@ def _summary(table: Table, lines: Ints) -> str:
     shown = ("descriptor", "distance", "slope_per_m", "r2_centred", "r2_origin", "monotone_m", "bytes")
     order = np.argsort(table["r2_centred"])[::-1]
     title = f"## Image distance against metric distance, {len(lines)} lines"
-    return "\n".join([title, "", charts.markdown({name: [table[name][i] for i in order] for name in shown})])
+    return "\n".join([title, "", markdown({name: [table[name][i] for i in order] for name in shown})])
 
 
 def _figures(methods: Sequence[Method], curves: Mapping[str, Curve], table: Table) -> dict[str, Any]:
@@ -240,8 +242,6 @@ def _figures(methods: Sequence[Method], curves: Mapping[str, Curve], table: Tabl
     best = {name: max(of, key=lambda distance: of[distance].r2_centred) for name, of in groups.items()}
     points = {f"{name} + {d}": (bytes_of[name], groups[name][d].r2_centred) for name, d in best.items()}
     return {
-        "curves": charts.curves(groups),
-        "pareto": charts.pareto(
-            points, "bytes that tell the place", "r² (centred)", "Each descriptor with its best distance"
-        ),
+        "curves": figures.curves(groups),
+        "pareto": pareto(points, "bytes that tell the place", "r² (centred)", "Each descriptor with its best distance"),
     }

@@ -27,8 +27,8 @@ from omnilab_studies.common.free_area import check_square, free_square, headed, 
 from omnilab_studies.common.method_runs import Cost, MethodRuns
 from omnilab_studies.common.methods import Method
 from omnilab_studies.common.scores import Scored, joined
-from omnilab_studies.common.viewer_layouts import SIZES
 from omnilab_studies.descriptors.resolution import figures
+from omnilab_studies.descriptors.resolution.layout import LAYOUT
 
 ANY, ON_GRID = "any", "on_grid"  # headings
 POINT = 0.01  # of the rate: so much less than the largest size counts as the same
@@ -69,7 +69,7 @@ class Resolution:
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Describe the map in every size, ask with both kinds of headings, score."""
-        record.log("", SIZES)
+        record.log("", LAYOUT)
         if scene := parts.sensor.scene():
             record.log("room", scene)
         sizes = self._sized(parts.descriptor)

@@ -29,7 +29,7 @@ from omnilab_studies.common.describing import deliver, disturbed, show_picture
 from omnilab_studies.common.disturbance_levels import Level, check_levels, levels_of
 from omnilab_studies.common.free_area import check_square, free_square, headed, positions_within
 from omnilab_studies.common.method_runs import Answered, Cost, MethodRuns
-from omnilab_studies.common.viewer_layouts import LEVELS
+from omnilab_studies.descriptors.robustness.layout import LAYOUT
 
 LEVEL_NS = 100_000_000  # between two levels, in the logs
 
@@ -66,7 +66,7 @@ class Robustness:
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Map, spoil, localise, score."""
-        record.log("", LEVELS)
+        record.log("", LAYOUT)
         if scene := parts.sensor.scene():
             record.log("room", scene)
         levels = levels_of(self.levels, parts.disturbances, record)

@@ -25,7 +25,6 @@ from omnilab.geometry import procrustes
 from omnilab_studies.common.describing import deliver, deliver_queries, show_picture
 from omnilab_studies.common.grids import check_extent, check_step, grid_poses
 from omnilab_studies.common.methods import Method, descriptors_of, fitted_all, methods_of
-from omnilab_studies.common.viewer_layouts import LOCAL_MAPS
 from omnilab_studies.local_maps import figures
 from omnilab_studies.local_maps.candidates import ShortLists, described, keeping, short_lists
 from omnilab_studies.local_maps.embedders import (
@@ -35,6 +34,7 @@ from omnilab_studies.local_maps.embedders import (
     raised,
     settling,
 )
+from omnilab_studies.local_maps.local_map.layout import LAYOUT
 from omnilab_studies.local_maps.results import (
     Trial,
     errors_of,
@@ -87,7 +87,7 @@ class LocalMap:
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Choose, compare, arrange, fit, score: for every step, number of neighbours, method and localizer."""
-        record.log("", LOCAL_MAPS)
+        record.log("", LAYOUT)
         if scene := parts.sensor.scene():
             record.log("room", scene)
         makers = makers_of(parts)

@@ -12,7 +12,7 @@ import numpy as np
 from omnilab.api import Embedding, Floats, Ints, Metric
 from omnilab.errors import DataError
 from omnilab.geometry import Similarity, procrustes
-from omnilab_studies.common import charts
+from omnilab_studies.common.tables import markdown
 
 Table = Mapping[str, Sequence[Any]]
 ON_NODE = 0.1  # steps that a neighbour may be off its node
@@ -163,6 +163,6 @@ def summary_of(maps: Sequence[WholeMap]) -> str:
         table = table_of(ranking)
         parts += [
             f"### {step_m:g} m, {len(ranking[0].position_m)} images",
-            charts.markdown({name: table[name] for name in shown}),
+            markdown({name: table[name] for name in shown}),
         ]
     return "\n\n".join(parts)

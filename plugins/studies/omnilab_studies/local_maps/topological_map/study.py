@@ -30,7 +30,6 @@ from omnilab_studies.common.free_area import window
 from omnilab_studies.common.grids import check_step
 from omnilab_studies.common.methods import Method, fitted_all, methods_of, prepared
 from omnilab_studies.common.scores import known_poses
-from omnilab_studies.common.viewer_layouts import TOPOLOGICAL_MAPS
 from omnilab_studies.local_maps import figures
 from omnilab_studies.local_maps.candidates import Described, described
 from omnilab_studies.local_maps.embedders import (
@@ -41,6 +40,7 @@ from omnilab_studies.local_maps.embedders import (
     settling,
     warm_up,
 )
+from omnilab_studies.local_maps.topological_map.layout import LAYOUT
 from omnilab_studies.local_maps.topological_map.results import (
     WholeCase,
     WholeMap,
@@ -94,7 +94,7 @@ class TopologicalMap:
         """Describe, compare all with all, arrange, fit: for every step, method, links and localizer."""
         if parts.disturbances:
             raise ConfigError("topological_map has no queries to disturb; leave disturbance out")
-        record.log("", TOPOLOGICAL_MAPS)
+        record.log("", LAYOUT)
         if scene := parts.sensor.scene():
             record.log("room", scene)
         makers = makers_of(parts)

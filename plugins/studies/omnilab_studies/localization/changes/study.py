@@ -27,7 +27,6 @@ from omnilab.api import (
 )
 from omnilab.errors import ConfigError
 from omnilab.metrics import VERDICTS, bootstrap
-from omnilab_studies.common.charts import markdown
 from omnilab_studies.common.comparison import columns_of, key_of
 from omnilab_studies.common.describing import deliver_queries, show_picture
 from omnilab_studies.common.grids import check_extent, check_step_or_every, grid_poses
@@ -35,8 +34,9 @@ from omnilab_studies.common.localization_run import estimate_of
 from omnilab_studies.common.method_runs import MethodRuns
 from omnilab_studies.common.pose_sources import Source, changed
 from omnilab_studies.common.scores import Scored, joined, known_poses
-from omnilab_studies.common.viewer_layouts import CONDITIONS
+from omnilab_studies.common.tables import markdown
 from omnilab_studies.localization.changes import figures
+from omnilab_studies.localization.changes.layout import LAYOUT
 
 UNCHANGED = "unchanged"
 CONDITION_NS = 100_000_000  # between two conditions, in the logs
@@ -77,7 +77,7 @@ class Changes:
         if not self.conditions:
             raise ConfigError("study.conditions is empty, so nothing changes; give {NAME: {SETTING: VALUE}}, such as"
                               " {evening: {variant: evening}}")  # fmt: skip
-        record.log("", CONDITIONS)
+        record.log("", LAYOUT)
         if scene := parts.sensor.scene():
             record.log("room", scene)
         seed, spoil = (int(n) for n in rng.integers(2**32, size=2))

@@ -27,7 +27,7 @@ from omnilab_studies.common.grids import check_extent, check_step_or_every, grid
 from omnilab_studies.common.localization_run import LocalizationRun
 from omnilab_studies.common.recall import judged, of_map
 from omnilab_studies.common.scores import as_table
-from omnilab_studies.common.viewer_layouts import PLACES
+from omnilab_studies.localization.layout import PLACES
 
 
 class Queries(Enum):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from omnilab_studies.common.charts import DPI
+from omnilab_studies.common.plots import DPI
 from omnilab_studies.localization.large_map.search_cost import exponent
 
 if TYPE_CHECKING:

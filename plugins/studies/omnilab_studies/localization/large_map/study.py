@@ -28,13 +28,13 @@ from omnilab.api import (
     Tick,
 )
 from omnilab.errors import ConfigError
-from omnilab_studies.common import charts
 from omnilab_studies.common.describing import deliver_queries, describe, describe_places, fitted, show_frame
 from omnilab_studies.common.grids import check_step
 from omnilab_studies.common.methods import joined_signatures
 from omnilab_studies.common.scores import known_poses
-from omnilab_studies.common.viewer_layouts import GROWTH
+from omnilab_studies.common.tables import markdown
 from omnilab_studies.localization.large_map.figures import scaling
+from omnilab_studies.localization.large_map.layout import LAYOUT
 from omnilab_studies.localization.large_map.search_cost import Searched, exponent
 from omnilab_studies.localization.large_map.side_by_side import SideBySide, in_worlds
 
@@ -77,7 +77,7 @@ class LargeMap:
         if EXHAUSTIVE in parts.localizers:
             raise ConfigError(f"localizers.{EXHAUSTIVE} has the name of the run's own localizer; choose another name")
         worlds = SideBySide.of(in_worlds(parts.sensor, self.worlds), self._grid(self.steps_m[-1]))
-        record.log("", GROWTH)
+        record.log("", LAYOUT)
         if scene := worlds.scene():
             record.log("room", scene)
         parts = fitted(parts, parts.sensor.plan(self._grid(self.steps_m[0])), record)
@@ -205,10 +205,10 @@ def _summary(table: Mapping[str, Sequence[Any]], growth: Mapping[str, Sequence[A
         [
             f"## Large maps; agreement and recall within {coarse_m:g} m",
             "",
-            charts.markdown(shown),
+            markdown(shown),
             "",
             "Cost = a · places^b:",
             "",
-            charts.markdown(growth),
+            markdown(growth),
         ]
     )

@@ -31,7 +31,7 @@ from omnilab_studies.common.localization_run import LocalizationRun
 from omnilab_studies.common.pose_sources import Source, layout_without_grid
 from omnilab_studies.common.recall import judged, of_map
 from omnilab_studies.common.scores import as_table
-from omnilab_studies.common.viewer_layouts import PLACES
+from omnilab_studies.localization.layout import PLACES
 
 
 @dataclass

@@ -27,7 +27,7 @@ from omnilab.metrics import spacing
 from omnilab_studies.common.describing import deliver, describe_places, evenly, fitted, markdown_table, show_frame
 from omnilab_studies.common.grids import check_extent, check_step_or_every, grid_poses
 from omnilab_studies.common.pose_sources import Source
-from omnilab_studies.common.viewer_layouts import MAPPING
+from omnilab_studies.localization.map.layout import LAYOUT
 
 
 @dataclass
@@ -57,7 +57,7 @@ class MakeMap:
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:  # noqa: ARG002
         """Describe, show some, keep."""
-        record.log("", MAPPING)
+        record.log("", LAYOUT)
         if scene := parts.sensor.scene():
             record.log("room", scene)
         plan = parts.sensor.plan(self._layout())

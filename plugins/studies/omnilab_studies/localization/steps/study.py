@@ -12,15 +12,15 @@ from omnilab.api import Answers, Metric, Parts, PlaceMap, RandomPoses, Recorder,
 from omnilab.errors import ConfigError
 from omnilab.geometry import heading_of
 from omnilab.metrics import VERDICTS, bootstrap
-from omnilab_studies.common.charts import markdown
 from omnilab_studies.common.comparison import columns_of, key_of
 from omnilab_studies.common.describing import deliver, show_picture
 from omnilab_studies.common.free_area import headed
 from omnilab_studies.common.grids import check_extent, check_step, grid_poses
 from omnilab_studies.common.method_runs import Cost, MethodRuns
 from omnilab_studies.common.scores import Scored, joined, known_poses
-from omnilab_studies.common.viewer_layouts import STEPS
+from omnilab_studies.common.tables import markdown
 from omnilab_studies.localization.steps import figures
+from omnilab_studies.localization.steps.layout import LAYOUT
 
 ANY, ON_GRID = "any", "on_grid"  # headings
 STEP_NS = 100_000_000  # between two steps, in the logs
@@ -58,7 +58,7 @@ class Steps:
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Map after map: describe, ask with both kinds of headings, score."""
-        record.log("", STEPS)
+        record.log("", LAYOUT)
         if scene := parts.sensor.scene():
             record.log("room", scene)
         extent = None if self.extent_m is None else (self.extent_m[0], self.extent_m[1])

@@ -10,8 +10,7 @@ import numpy as np
 
 from omnilab.api import Metric, Parts, Recorder, Report, Text
 from omnilab.errors import ConfigError
-from omnilab_studies.common.charts import markdown
-from omnilab_studies.common.viewer_layouts import VIEW_MAP
+from omnilab_studies.common.tables import markdown
 from omnilab_studies.view_slam import figures
 from omnilab_studies.view_slam.display import show_drive
 from omnilab_studies.view_slam.drives import Drives
@@ -28,6 +27,7 @@ from omnilab_studies.view_slam.filter_comparison import (
     seeds_of,
     selected,
 )
+from omnilab_studies.view_slam.layout import VIEW_MAP
 from omnilab_studies.view_slam.scenarios import scenario
 
 SHOWN = ("scenario", "range_m", "filter", "seeds", "rms_m", "worse_m", "final_rms_m", "odometry_rms_m", "nees", "gated")

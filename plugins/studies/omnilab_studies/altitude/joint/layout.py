@@ -1,0 +1,19 @@
+"""How the study `joint` looks in a viewer."""
+
+from __future__ import annotations
+
+from omnilab.api import Panel, ViewLayout
+
+LAYOUT = ViewLayout(
+    columns=(
+        (Panel("map", "The map, and the first query at each height", ("room", "places", "camera", "estimate")),),
+        (
+            Panel("image", "Query, a height a step", ("query/image",)),
+            Panel("image", "Panorama", ("query/panorama",)),
+            Panel("plot", "Rate of nearest answers at each height", ("nearest",)),
+            Panel("plot", "Height above the map: true, and told", ("height",)),
+        ),
+        (Panel("text", "Result", ("summary",)), Panel("log", "Log", ("log",))),
+    ),
+    widths=(3, 2, 2),
+)

@@ -1,0 +1,34 @@
+"""Figures of the study `cost`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from omnilab_studies.descriptors.figures import DPI
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def bars(values: Mapping[str, Mapping[str, float]], label: str, title: str) -> Figure:
+    """Horizontal bars for each name, one per kind of value, on a logarithmic axis."""
+    from matplotlib.figure import Figure
+
+    kinds = list(dict.fromkeys(kind for of in values.values() for kind in of))
+    figure = Figure(figsize=(7.6, 1.2 + 0.22 * len(values) * (len(kinds) + 0.6)), dpi=DPI, layout="constrained")
+    axes = figure.subplots()
+    height = 0.8 / len(kinds)
+    rows = np.arange(len(values))
+    for k, kind in enumerate(kinds):
+        widths = [of.get(kind, np.nan) for of in values.values()]
+        drawn = axes.barh(rows + (k - (len(kinds) - 1) / 2) * height, widths, height, label=kind, color=f"C{k}")
+        axes.bar_label(drawn, [f"{width:.3g}" for width in widths], fontsize=7, padding=2)
+    axes.set(yticks=rows, yticklabels=list(values), xscale="log", xlabel=label, title=title)
+    axes.invert_yaxis()
+    axes.margins(x=0.12, y=0.01)
+    axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=len(kinds), frameon=False)
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure

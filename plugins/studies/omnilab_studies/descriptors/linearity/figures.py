@@ -1,0 +1,53 @@
+"""Figures of the study `linearity`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from omnilab_studies.descriptors.figures import DPI
+from omnilab_studies.descriptors.linearity.curves import Curve
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+STYLES = ("-", "--", "-.", ":")  # a cycle of its own beside the ten colours: more than ten distances differ
+
+
+def curves(groups: Mapping[str, Mapping[str, Curve]]) -> Figure:
+    """One panel per descriptor with a curve per distance, each relative to its highest mean (Payá et al., 2016, fig. 7-11).
+
+    Bands are one standard deviation over the lines, for the curve that is closest to a line.
+    """
+    from matplotlib.figure import Figure
+
+    columns = min(3, len(groups))
+    rows = -(-len(groups) // columns)
+    figure = Figure(figsize=(4.6 * columns, 3.9 * rows), dpi=DPI, layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes in panels[len(groups) :]:
+        axes.set_axis_off()
+    colors = {name: f"C{i % 10}" for i, name in enumerate(dict.fromkeys(d for of in groups.values() for d in of))}
+    for axes, (name, of) in zip(panels, groups.items(), strict=False):
+        best = max(of, key=lambda distance: of[distance].r2_centred)
+        for distance, curve in of.items():
+            x, y = np.append(0, curve.distance_m), np.append(0, curve.relative)
+            label = f"{distance}, r² {curve.r2_centred:.3f}"
+            style = STYLES[list(colors).index(distance) // 10 % len(STYLES)]
+            axes.plot(x, y, style, color=colors[distance], linewidth=2.4 if distance == best else 1.1, label=label)
+        curve = of[best]
+        deviation = np.sqrt(curve.variance) * curve.relative[-1] / curve.mean[-1]
+        axes.fill_between(
+            curve.distance_m,
+            curve.relative - deviation,
+            curve.relative + deviation,
+            color=colors[best],
+            alpha=0.15,
+            lw=0,
+        )
+        axes.set(xlabel="metric distance [m]", ylabel="image distance", title=name, ylim=(0, 1.32), xlim=(0, None))
+        axes.legend(fontsize=7, loc="lower right", frameon=False)
+        axes.spines[["top", "right"]].set_visible(False)
+    return figure

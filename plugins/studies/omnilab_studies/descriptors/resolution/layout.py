@@ -1,0 +1,17 @@
+"""How the study `resolution` looks in a viewer."""
+
+from __future__ import annotations
+
+from omnilab.api import Panel, ViewLayout
+
+LAYOUT = ViewLayout(
+    columns=(
+        (Panel("map", "Places, and answers in the first size", ("room", "places", "answers")),),
+        (
+            Panel("image", "The first query's signature, a size a step", ("query/signature",)),
+            Panel("plot", "Rate of nearest answers in each size", ("nearest",)),
+        ),
+        (Panel("text", "Result", ("summary",)),),
+    ),
+    widths=(2, 2, 2),
+)

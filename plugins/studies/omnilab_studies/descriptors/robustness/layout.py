@@ -1,0 +1,18 @@
+"""How the study `robustness` looks in a viewer."""
+
+from __future__ import annotations
+
+from omnilab.api import Panel, ViewLayout
+
+LAYOUT = ViewLayout(
+    columns=(
+        (Panel("map", "Places, the first query and its answers", ("room", "places", "camera", "estimate")),),
+        (
+            Panel("image", "The first query, a level a step", ("query/image",)),
+            Panel("image", "Panorama", ("query/panorama",)),
+            Panel("plot", "Rate of nearest answers at each level", ("nearest",)),
+        ),
+        (Panel("text", "Result", ("summary",)), Panel("log", "Levels", ("log",))),
+    ),
+    widths=(2, 2, 2),
+)

@@ -1,0 +1,26 @@
+"""How localisation in a map looks in a viewer."""
+
+from __future__ import annotations
+
+from omnilab.api import Panel, ViewLayout
+
+PLACES = ViewLayout(
+    columns=(
+        (
+            Panel("map", "Places and queries", ("room", "places", "camera", "estimate", "answers")),
+            Panel("map", "Distance of the query to every place", ("distances",)),
+        ),
+        (
+            Panel("image", "Query", ("query/image",)),
+            Panel("image", "Panorama", ("query/panorama",)),
+            Panel("image", "Signature", ("query/signature",)),
+        ),
+        (
+            Panel("plot", "Position error", ("error/position_m",)),
+            Panel("plot", "Heading error", ("error/heading_deg",)),
+            Panel("image", "Recall and precision", ("recall",)),
+            Panel("text", "Result", ("summary",)),
+        ),
+    ),
+    widths=(3, 2, 2),
+)

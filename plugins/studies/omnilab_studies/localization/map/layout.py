@@ -1,0 +1,18 @@
+"""How the study `map` looks in a viewer."""
+
+from __future__ import annotations
+
+from omnilab.api import Panel, ViewLayout
+
+LAYOUT = ViewLayout(
+    columns=(
+        (Panel("map", "The map", ("room", "places", "camera")),),
+        (
+            Panel("image", "Place", ("query/image",)),
+            Panel("image", "Panorama", ("query/panorama",)),
+            Panel("image", "Signature", ("query/signature",)),
+        ),
+        (Panel("text", "Result", ("summary",)), Panel("log", "Log", ("log",))),
+    ),
+    widths=(3, 2, 2),
+)

@@ -1,0 +1,32 @@
+"""How maps of views look in a viewer."""
+
+from __future__ import annotations
+
+from omnilab.api import Panel, ViewLayout
+
+VIEWS_TITLE = "Truth (grey), odometry (amber), the map's way and views; bearings: believed (green), gated (red)"
+VIEWS_SHOWN = ("truth", "odometry", "way", "robot", "views", "candidates", "bearings")
+VIEWS_ERRORS = (
+    Panel("plot", "Error in x, ±2σ", ("error/x_m",)),
+    Panel("plot", "Error in y, ±2σ", ("error/y_m",)),
+    Panel("plot", "Error in heading, ±2σ", ("error/heading_deg",)),
+)
+VIEW_SLAM = ViewLayout(
+    columns=(
+        (
+            Panel("map", VIEWS_TITLE, ("room", *VIEWS_SHOWN)),
+            Panel("image", "Panorama above that of the view it shows best", ("query/panorama",)),
+        ),
+        (Panel("image", "Image", ("query/image",)), *VIEWS_ERRORS),
+        (Panel("text", "Result", ("summary",)), Panel("log", "Log", ("log",))),
+    ),
+    widths=(4, 2, 2),
+)
+VIEW_MAP = ViewLayout(
+    columns=(
+        (Panel("map", VIEWS_TITLE, ("walls", *VIEWS_SHOWN)),),
+        VIEWS_ERRORS,
+        (Panel("text", "Result", ("summary",)), Panel("log", "Log", ("log",))),
+    ),
+    widths=(5, 2, 2),
+)
