@@ -1,6 +1,7 @@
-"""Everything that can be extended, one hook per kind.
+"""The hooks by which plugins extend omnilab: one for each kind of component, and one for commands.
 
-A plugin is a module with functions of these names, marked with ``@hookimpl``, that call ``register(name, cls)``::
+A plugin is a module with functions named ``register_`` and the plural of a kind, marked with ``@hookimpl``, that call
+``register(name, cls)``::
 
     from omnilab import hookimpl
 
@@ -9,17 +10,23 @@ A plugin is a module with functions of these names, marked with ``@hookimpl``, t
         register("mine", Mine)
 
 and one entry point in the group ``omnilab`` that names the module. The component is a plain dataclass: its fields are
-its configuration, its docstring is its manual. What each kind must offer is its Protocol in `omnilab.api`.
+its configuration, its docstring is its manual. The kinds are those of `omnilab.api.KINDS`; what each must offer is its
+Protocol there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, Protocol
 
 import pluggy
 
-Register = Callable[[str, type[Any]], None]
+from omnilab.api import KINDS, Kind
+
+COMMANDS_HOOK = "register_commands"
+
 Command = Callable[[list[str]], int]  # takes the arguments, returns the exit code
 RegisterCommand = Callable[[str, Command], None]
 
@@ -27,66 +34,32 @@ hookspec = pluggy.HookspecMarker("omnilab")
 hookimpl = pluggy.HookimplMarker("omnilab")
 
 
-@hookspec
-def register_sensors(register: Register) -> None:
-    """Sources of images: virtual worlds, folders of pictures, logs played back."""
+class Register(Protocol):
+    """What a plugin calls for each of its components."""
+
+    def __call__(self, name: str, cls: type[Any], formerly: str = "") -> None:
+        """Register a class under a name; `formerly` is the one it had, which goes on working for a while."""
 
 
-@hookspec
-def register_disturbances(register: Register) -> None:
-    """From images to spoilt ones: noise, occlusion, blur, another light."""
+class Runs(Protocol):
+    """The runs on disk, for commands of plugins."""
+
+    def ready(self, run: Path) -> Path:
+        """The folder of a run, its logs mended first if it was killed; DataError if there is none."""
 
 
-@hookspec
-def register_descriptors(register: Register) -> None:
-    """From images to signatures."""
+def hookspecs() -> SimpleNamespace:
+    """The specifications of all hooks, for pluggy."""
+    specified = {kind.hook: _of_kind(kind) for kind in KINDS.values()}
+    return SimpleNamespace(**specified, register_commands=hookspec(register_commands))
 
 
-@hookspec
-def register_distances(register: Register) -> None:
-    """From pairs of signatures to how unlike they are, and how far they are turned."""
+def _of_kind(kind: Kind) -> Any:
+    def register_components(register: Register) -> None: ...
+
+    register_components.__name__, register_components.__doc__ = kind.hook, kind.summary
+    return hookspec(register_components)
 
 
-@hookspec
-def register_localizers(register: Register) -> None:
-    """From a query and a map to a pose."""
-
-
-@hookspec
-def register_altimeters(register: Register) -> None:
-    """From two images to the difference of their heights."""
-
-
-@hookspec
-def register_odometries(register: Register) -> None:
-    """From two images to the motion between them."""
-
-
-@hookspec
-def register_loop_closures(register: Register) -> None:
-    """From an image to the places on the robot's way that it shows again."""
-
-
-@hookspec
-def register_backends(register: Register) -> None:
-    """From a pose graph to its optimum."""
-
-
-@hookspec
-def register_view_filters(register: Register) -> None:
-    """From odometry and views seen again to a map of views."""
-
-
-@hookspec
-def register_studies(register: Register) -> None:
-    """Experiments' code: drives the components and measures."""
-
-
-@hookspec
-def register_sinks(register: Register) -> None:
-    """Where the records of a run go."""
-
-
-@hookspec
-def register_commands(register: RegisterCommand) -> None:
+def register_commands(register: RegisterCommand, runs: Runs) -> None:
     """Commands beside experiments, `omnilab NAME ...`: here a function is registered, not a component."""

@@ -11,6 +11,9 @@ Shapes, units and frames are stated here and only here.
 * ``T_world_camera`` takes points of the camera frame to the world frame.
 """
 
+from typing import Any
+
+from omnilab import renamed
 from omnilab.api.data import (
     Bools,
     Bytes,
@@ -154,3 +157,8 @@ __all__ = [
     "ViewMap",
     "is_cached",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Names of the version before."""
+    return renamed.attribute(__name__, name, renamed.API)

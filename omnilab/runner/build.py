@@ -53,7 +53,7 @@ def build(config: DictConfig, registry: Registry) -> Run:
 
 
 def _fill_from_map(config: DictConfig, registry: Registry) -> None:
-    """A map is asked with the descriptor that made it, and unless another is chosen with its distance."""
+    """A map is queried with the descriptor that made it, and unless another is chosen with its distance."""
     path = map_file(Path(str(config.map)))
     about = about_map(path)
     for slot in ("descriptor", "distance"):
@@ -68,7 +68,7 @@ def _fill_from_map(config: DictConfig, registry: Registry) -> None:
             " descriptor=... out, or make a map with it"
         )
     used = about["components"]["descriptor"]
-    here = registry.components["descriptor", used["name"]].plugin.version
+    here = registry.get("descriptor", used["name"]).plugin.version
     if used.get("version") != here:
         log.warning("%s was described by version %s of %s, and %s is installed: distances may not mean the same",
                     path, used.get("version"), used.get("distribution"), here)  # fmt: skip
@@ -138,7 +138,7 @@ def _component(
     slot: str, kind: str, settings: Mapping[str, Any], manifest: Mapping[str, Any], registry: Registry
 ) -> DictConfig:
     used = manifest["components"][slot]
-    component = registry.components.get((kind, used["name"]))
+    component = registry.find(kind, used["name"])
     if component is None:
         raise ConfigError(f"{registry.missing(kind, used['name'])}; the run had it from {used['distribution']}")
     cls = component.cls

@@ -15,8 +15,8 @@ from omnilab import hooks
 from omnilab.api import KINDS
 from omnilab.errors import ConfigError, DataError, OmnilabError, did_you_mean
 from omnilab.runner.interrupts import uninterrupted
-from omnilab.runner.registry import Registry, discover
-from omnilab.runner.run_folder import KILLED, RUNNING, LoadedRun, Logbook, find_runs, load_run, new_folder_name
+from omnilab.runner.registry import Registry, discover, mend
+from omnilab.runner.run_folder import RUNNING, LoadedRun, find_runs, load_run, new_folder_name
 from omnilab.runner.terminal import headline, print_error, print_table, short, show_run
 
 HELP = """\
@@ -92,8 +92,10 @@ def _plugins_command(name: str) -> hooks.Command:
 
 
 def discover_loudly() -> Registry:
-    """All plugins; a line on standard error for each that failed."""
+    """All plugins; a line on standard error for each that failed, or has words of the version before."""
     registry = discover()
+    for note in registry.notes:
+        print_error(note)
     for failure in registry.failures:
         print_error(f"{failure.sentence} (omnilab plugins -v shows the traceback)")
     return registry
@@ -137,12 +139,12 @@ def _print_manuals(names: Sequence[str], registry: Registry) -> None:
 
     console = Console(highlight=False, soft_wrap=True)
     for name in names:
-        found = [component for component in registry.components.values() if component.name == name]
+        found = [c for c in registry.components.values() if name in {c.name, c.formerly}]
         if not found:
             known = sorted({component.name for component in registry.components.values()})
             raise ConfigError(f"there is no component '{name}'; there is {', '.join(known)}{did_you_mean(name, known)}")
         for component in found:
-            console.print(f"[bold]{component.kind}={name}[/bold]  [dim]{component.plugin.title}[/dim]")
+            console.print(f"[bold]{component.kind}={component.name}[/bold]  [dim]{component.plugin.title}[/dim]")
             console.print(inspect.cleandoc(component.cls.__doc__ or "(no docstring)") + "\n", markup=False)
             for line in settings_of(component.cls):
                 console.print(f"    {line}", markup=False)
@@ -173,22 +175,6 @@ def _described(run: LoadedRun) -> list[str]:
         return [run.state, headline(run), " ".join(o for o in run.manifest["overrides"] if o[:11] != "experiment=")]
     except DataError as error:
         return ["unreadable", str(error), ""]
-
-
-def view(argv: list[str]) -> int:
-    """Open a run's recording in Rerun, or take its picture without a display."""
-    parser = _run_parser("omnilab view", view.__doc__)
-    parser.add_argument("--screenshot", type=Path, metavar="FILE", help="write a PNG instead of opening a window")
-    parser.add_argument("--step", type=int, help="the step to show in the picture (default: the last with an image)")
-    options = parser.parse_args(argv)
-    registry = discover_loudly()
-    run = load_run(options.run)
-    if run.state == KILLED:
-        mend(run, registry)
-    registry.get("sink", "rerun").cls().view(run.folder, screenshot=options.screenshot, step=options.step)
-    if options.screenshot is not None:
-        print_error(f"the picture is {options.screenshot}")
-    return 0
 
 
 def repeat(argv: list[str]) -> int:
@@ -230,16 +216,6 @@ def repair(argv: list[str]) -> int:
     return 0
 
 
-def mend(run: LoadedRun, registry: Registry) -> list[str]:
-    """Every sink's repair of a run's files: what was done, in sentences."""
-    done = [s for name in registry.names("sink") if (s := registry.get("sink", name).cls().repair(run.folder))]
-    for sentence in done:
-        print_error(sentence)
-    if run.state == KILLED:
-        Logbook(run.folder).status(KILLED)
-    return done
-
-
 def _run_parser(command: str, description: str | None) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(command, description=description)
     parser.add_argument(
@@ -251,7 +227,6 @@ def _run_parser(command: str, description: str | None) -> argparse.ArgumentParse
 COMMANDS: dict[str, hooks.Command] = {
     "plugins": plugins,
     "runs": runs,
-    "view": view,
     "repeat": repeat,
     "repair": repair,
 }

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, is_dataclass
-from typing import Any
+from dataclasses import dataclass, field, fields, is_dataclass, make_dataclass
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING, DictConfig, OmegaConf
@@ -13,33 +12,11 @@ from omegaconf import MISSING, DictConfig, OmegaConf
 from omnilab.api import KINDS
 from omnilab.runner.registry import DICTS, Registry
 
-log = logging.getLogger("omnilab")
-
 
 @dataclass
-class Run:
-    """The whole configuration of one run. A slot holds a component, or null where the study needs none."""
+class Settings:
+    """The settings of a run beside its components."""
 
-    sensor: Any = None
-    descriptor: Any = None
-    distance: Any = None  # null: the descriptor's default distance
-    localizer: Any = None
-    altimeter: Any = None
-    odometry: Any = None
-    loop_closure: Any = None
-    backend: Any = None
-    view_filter: Any = None
-    study: Any = MISSING
-    descriptors: dict[str, Any] = field(default_factory=dict)  # that a study compares
-    distances: dict[str, Any] = field(default_factory=dict)  # that a study compares them with
-    localizers: dict[str, Any] = field(default_factory=dict)  # that a study compares
-    altimeters: dict[str, Any] = field(default_factory=dict)  # that a study compares
-    odometries: dict[str, Any] = field(default_factory=dict)  # that join the run's own
-    backends: dict[str, Any] = field(default_factory=dict)  # that a study compares
-    view_filters: dict[str, Any] = field(default_factory=dict)  # that a study compares
-    sensors: dict[str, Any] = field(default_factory=dict)  # that a study uses beside the run's own
-    disturbances: dict[str, Any] = field(default_factory=dict)  # of the queries, in the order they apply
-    sinks: dict[str, Any] = field(default_factory=dict)
     map: str | None = None  # a map that another run saved, or that run's folder; it brings its descriptor and distance
     seed: int = 0
     threads: int = 1  # of each matrix product: results are only the same bit for bit with the same number
@@ -48,7 +25,32 @@ class Run:
     cache_gb: float = 4.0  # at most; then those go that were used longest ago
 
 
+if TYPE_CHECKING:
+
+    @dataclass
+    class Run(Settings):
+        """The configuration of a run: its settings, and the slots and dictionaries of `KINDS`."""
+
+        def __getattr__(self, name: str) -> Any: ...
+
+else:
+    own, types = fields(Settings), get_type_hints(Settings)
+    Run = make_dataclass(
+        "Run",
+        [
+            *((kind.name, Any, MISSING if kind.name == "study" else None) for kind in KINDS.values() if kind.slot),
+            *((kind.plural, dict[str, Any], field(default_factory=dict)) for kind in KINDS.values() if kind.many),
+            *((setting.name, types[setting.name], field(default=setting.default)) for setting in own),
+        ],
+        namespace={"__doc__": "The configuration of a run: its settings, and the slots and dictionaries of `KINDS`."},
+    )
+    Run.__module__ = __name__
+
+# what config.yaml begins with: every kind is a choice, and none is chosen yet
+SLOTS = {"defaults": [{kind.name: None} for kind in KINDS.values() if kind.slot or kind.part]}
+
 ConfigStore.instance().store(name="omnilab_run", node=Run, provider="omnilab")
+ConfigStore.instance().store(name="omnilab_slots", node=SLOTS, provider="omnilab")
 
 
 def structured(config: DictConfig) -> Iterator[tuple[str, DictConfig]]:

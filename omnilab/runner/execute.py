@@ -18,15 +18,15 @@ from typing import Any
 import numpy as np
 from omegaconf import OmegaConf
 
-from omnilab.api import Parts, Report
+from omnilab.api import Parts, Report, Text, is_cached
 from omnilab.errors import OmnilabError
 from omnilab.runner.config import Run, named_components, resolved, resolved_yaml
 from omnilab.runner.fingerprint import file_digests
 from omnilab.runner.map_file import FILE, load_places, save_map
 from omnilab.runner.recorder import Recorder
 from omnilab.runner.registry import Registry
-from omnilab.runner.run_folder import DONE, FAILED, INTERRUPTED, Logbook, origin
-from omnilab.runner.signature_cache import Cache
+from omnilab.runner.run_folder import DONE, FAILED, INTERRUPTED, RunFolder, origin
+from omnilab.runner.signature_cache import SignatureCache
 
 OFF = ("off", "false")  # what YAML makes of off
 
@@ -36,8 +36,10 @@ log = logging.getLogger("omnilab")
 def execute(run: Run, folder: Path, registry: Registry, overrides: Sequence[str] = (), experiment: str = "") -> Report:
     """Run the study, and leave a complete run folder whatever happens."""
     config_yaml = resolved_yaml(run)
-    book = Logbook(folder)
-    book.open(manifest_of(run, registry, overrides, experiment, config_yaml), config_yaml, Path(run.logs) / "latest")
+    run_folder = RunFolder(folder)
+    run_folder.open(
+        manifest_of(run, registry, overrides, experiment, config_yaml), config_yaml, Path(run.logs) / "latest"
+    )
     recorder = Recorder(run.sinks, folder)
     cache = _cache(run)
     start = time.perf_counter()
@@ -47,23 +49,32 @@ def execute(run: Run, folder: Path, registry: Registry, overrides: Sequence[str]
             for failure in registry.failures:
                 log.info("%s", failure.sentence)  # the command line has told the user
             report: Report = run.study.run(_parts(run, registry, cache), recorder, np.random.default_rng(run.seed))
-            book.write(report)
+            _log_results(report, recorder)
+            run_folder.write(report)
             if report.map is not None:
                 save_map(folder / FILE, report.map, _about(run, registry))
     except KeyboardInterrupt:
-        book.status(INTERRUPTED, sinks_dropped=recorder.dropped)
+        run_folder.status(INTERRUPTED, sinks_dropped=recorder.dropped)
         raise
     except Exception as error:
         log.error("the run failed: %s", error, exc_info=not isinstance(error, OmnilabError))
-        book.status(FAILED, error=f"{type(error).__name__}: {error}", sinks_dropped=recorder.dropped)
+        run_folder.status(FAILED, error=f"{type(error).__name__}: {error}", sinks_dropped=recorder.dropped)
         raise
     else:
-        book.status(DONE, sinks_dropped=recorder.dropped)
+        run_folder.status(DONE, sinks_dropped=recorder.dropped)
         log.info("done in %.1f s", time.perf_counter() - start)
     finally:
-        book.write_costs(_costs(recorder, cache, time.perf_counter() - start))
-        book.close()
+        run_folder.write_costs(_costs(recorder, cache, time.perf_counter() - start))
+        run_folder.close()
     return report
+
+
+def _log_results(report: Report, recorder: Recorder) -> None:
+    """The summary of a study, and what it left out, into the logs."""
+    if report.summary:
+        recorder.log("summary", Text(report.summary, markdown=True))
+    for sentence in report.omitted:
+        recorder.log("log", Text(f"left out: {sentence}"))
 
 
 def manifest_of(
@@ -95,14 +106,14 @@ def _about(run: Run, registry: Registry) -> dict[str, Any]:
     }
 
 
-def _cache(run: Run) -> Cache | None:
+def _cache(run: Run) -> SignatureCache | None:
     """Where descriptions are kept; None if they are not, or the study measures what describing costs."""
-    if run.cache is None or run.cache.lower() in OFF or not getattr(run.study, "cached", True):
+    if run.cache is None or run.cache.lower() in OFF or not is_cached(run.study):
         return None
-    return Cache(Path(run.logs) / run.cache, int(run.cache_gb * 1e9), run.threads)
+    return SignatureCache(Path(run.logs) / run.cache, int(run.cache_gb * 1e9), run.threads)
 
 
-def _parts(run: Run, registry: Registry, cache: Cache | None) -> Parts:
+def _parts(run: Run, registry: Registry, cache: SignatureCache | None) -> Parts:
     own = {name: registry.get("distance", d.default_distance).cls() for name, d in run.descriptors.items()}
     parts = {f.name: getattr(run, f.name) for f in fields(Parts) if hasattr(run, f.name)}
     if cache is not None:
@@ -136,7 +147,7 @@ def _signals(recorder: Recorder) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _costs(recorder: Recorder, cache: Cache | None, wall_s: float) -> list[tuple[str, float, str]]:
+def _costs(recorder: Recorder, cache: SignatureCache | None, wall_s: float) -> list[tuple[str, float, str]]:
     rows = [("wall", wall_s, "s")]
     for stage, (seconds, count) in recorder.costs.items():
         rows.append((stage, seconds, "s"))

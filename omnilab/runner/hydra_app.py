@@ -6,7 +6,7 @@ import os
 import re
 import sys
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, ClassVar
@@ -23,7 +23,7 @@ from omnilab.runner.build import build
 from omnilab.runner.config import Run
 from omnilab.runner.execute import execute
 from omnilab.runner.registry import Registry
-from omnilab.runner.run_folder import FAILED, Logbook, load_run, new_folder_name, origin, write_summary
+from omnilab.runner.run_folder import FAILED, RunFolder, load_run, new_folder_name, origin, write_summary
 from omnilab.runner.terminal import headline, print_error, print_summary, short, show_run
 
 
@@ -66,6 +66,7 @@ def run_job(config: DictConfig, registry: Registry) -> None:
     state = HydraConfig.get()
     folder, overrides = Path(state.runtime.output_dir), list(state.overrides.task)
     name = str(state.runtime.choices.get("experiment"))
+    _say_new_names(state.runtime.choices, registry)
     if state.mode is not RunMode.MULTIRUN:
         _run(config, registry, folder, overrides, name)
         show_run(folder)
@@ -82,6 +83,15 @@ def run_job(config: DictConfig, registry: Registry) -> None:
         traceback.print_exc()
 
 
+def _say_new_names(choices: Mapping[str, Any], registry: Registry) -> None:
+    """A line for each component that was chosen by its name of the version before."""
+    for group, chosen in choices.items():
+        kind = group.partition("@")[0]
+        for name in chosen if isinstance(chosen, list) else [chosen]:
+            if now := registry.formerly.get((kind, str(name))):
+                print_error(f"{kind} '{name}' is called '{now}' now; write {group}={now}")
+
+
 def _run(config: DictConfig, registry: Registry, folder: Path, overrides: list[str], name: str) -> None:
     try:
         run = build(config, registry)
@@ -96,10 +106,10 @@ def _note_failure(folder: Path, overrides: list[str], name: str, error: Exceptio
     """A job that could not even be built leaves a folder that says so."""
     if (folder / "status.json").exists():
         return
-    book = Logbook(folder)
-    book.open({"experiment": name, "overrides": overrides, **origin()}, "")
-    book.status(FAILED, error=f"{type(error).__name__}: {error}")
-    book.close()
+    run_folder = RunFolder(folder)
+    run_folder.open({"experiment": name, "overrides": overrides, **origin()}, "")
+    run_folder.status(FAILED, error=f"{type(error).__name__}: {error}")
+    run_folder.close()
 
 
 class Summary:

@@ -25,14 +25,16 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from omnilab import hooks
+from omnilab import hooks, renamed
 from omnilab.api import KINDS
 from omnilab.errors import ConfigError, PluginError, did_you_mean
+from omnilab.hooks import COMMANDS_HOOK
+from omnilab.runner.run_folder import KILLED, LoadedRun, RunFolder, load_run
+from omnilab.runner.terminal import print_error
 
 DICTS = {kind.plural: kind.name for kind in KINDS.values() if kind.many}  # settings of a run that hold any number
 MANY = {kind.name: kind.plural for kind in KINDS.values() if not kind.slot}  # `disturbance=blur` goes to the dict
 HOOKS = {kind.name: kind.hook for kind in KINDS.values()}
-COMMANDS_HOOK = "register_commands"
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,7 @@ class Component:
     name: str
     cls: type[Any]
     plugin: Plugin
+    formerly: str = ""  # the name that it had in the version before
 
     @property
     def summary(self) -> str:
@@ -88,15 +91,21 @@ class Registry:
     components: dict[tuple[str, str], Component] = field(default_factory=dict)
     commands: dict[str, hooks.Command] = field(default_factory=dict)
     failures: list[Failure] = field(default_factory=list)
+    formerly: dict[tuple[str, str], str] = field(default_factory=dict)  # kind and old name: what it is called now
+    notes: list[str] = field(default_factory=list)  # on plugins with words of the version before
 
     def names(self, kind: str) -> list[str]:
         return sorted(name for k, name in self.components if k == kind)
 
     def get(self, kind: str, name: str) -> Component:
         """The component of that kind and name; ConfigError with a suggestion if there is none."""
-        if found := self.components.get((kind, name)):
+        if found := self.find(kind, name):
             return found
         raise ConfigError(self.missing(kind, name))
+
+    def find(self, kind: str, name: str) -> Component | None:
+        """The component of that kind and name, which may be one of the version before; None if there is none."""
+        return self.components.get((kind, self.formerly.get((kind, name), name)))
 
     def missing(self, kind: str, name: str) -> str:
         """The sentence about a name that does not exist."""
@@ -112,13 +121,37 @@ class Registry:
         return next((c for c in self.components.values() if c.cls is type(instance)), None)
 
 
+class RunsOnDisk:
+    """The runs on disk, for commands of plugins: see `omnilab.hooks.Runs`."""
+
+    def __init__(self, registry: Registry) -> None:
+        self._registry = registry
+
+    def ready(self, run: Path) -> Path:
+        """The folder of a run, its logs mended first if it was killed; DataError if there is none."""
+        loaded = load_run(run)
+        if loaded.state == KILLED:
+            mend(loaded, self._registry)
+        return loaded.folder
+
+
+def mend(run: LoadedRun, registry: Registry) -> list[str]:
+    """Every sink's repair of a run's files: what was done, in sentences, which are printed."""
+    done = [s for name in registry.names("sink") if (s := registry.get("sink", name).cls().repair(run.folder))]
+    for sentence in done:
+        print_error(sentence)
+    if run.state == KILLED:
+        RunFolder(run.folder).status(KILLED)
+    return done
+
+
 def discover(select: str | None = None) -> Registry:
     """Load every plugin, register what is sound, and store it for Hydra."""
     chosen = os.environ.get("OMNILAB_PLUGINS", "") if select is None else select
     registry = Registry()
     for plugin in _plugins([word.strip() for word in chosen.split(",") if word.strip()]):
         try:
-            components, commands = _load(plugin)
+            components, commands = _load(plugin, registry)
             for component in components:
                 _check_free(component, registry)
             for name in commands:
@@ -129,6 +162,7 @@ def discover(select: str | None = None) -> Registry:
             registry.failures.append(Failure(plugin, error))
         else:
             registry.components.update({(c.kind, c.name): c for c in components})
+            registry.formerly.update({(c.kind, c.formerly): c.name for c in components if c.formerly})
             registry.commands.update(commands)
     return registry
 
@@ -175,10 +209,10 @@ def _load_file(path: Path) -> ModuleType:
     return module
 
 
-def _load(plugin: Plugin) -> tuple[list[Component], dict[str, hooks.Command]]:
+def _load(plugin: Plugin, registry: Registry) -> tuple[list[Component], dict[str, hooks.Command]]:
     """The components and the commands that one plugin registers, each checked."""
     manager = pluggy.PluginManager("omnilab")
-    manager.add_hookspecs(hooks)
+    manager.add_hookspecs(hooks.hookspecs())
     manager.register(plugin.load(), name=plugin.name)
     try:
         manager.check_pending()
@@ -187,11 +221,13 @@ def _load(plugin: Plugin) -> tuple[list[Component], dict[str, hooks.Command]]:
     components: dict[tuple[str, str], Component] = {}
     for kind, hook in HOOKS.items():
 
-        def register(name: str, cls: type[Any], kind: str = kind) -> None:
+        def register(name: str, cls: type[Any], formerly: str = "", kind: str = kind) -> None:
+            if note := renamed.adapt(kind, name, cls):
+                registry.notes.append(f"{plugin.title}: {note}")
             check_component(kind, name, cls)
             if (kind, name) in components:
                 raise PluginError(f"{kind} '{name}' is registered twice, by {components[kind, name].cls} and {cls}")
-            components[kind, name] = Component(kind, name, cls, plugin)
+            components[kind, name] = Component(kind, name, cls, plugin, formerly)
 
         getattr(manager.hook, hook)(register=register)
     commands: dict[str, hooks.Command] = {}
@@ -203,7 +239,7 @@ def _load(plugin: Plugin) -> tuple[list[Component], dict[str, hooks.Command]]:
             )
         commands[name] = command
 
-    manager.hook.register_commands(register=register_command)
+    manager.hook.register_commands(register=register_command, runs=RunsOnDisk(registry))
     if not components and not commands:
         raise PluginError(
             "it registers nothing; mark a function with @hookimpl, one of "
@@ -218,10 +254,11 @@ def check_component(kind: str, name: str, cls: type[Any]) -> None:
         raise PluginError(f"{kind} '{name}' has an unusable name; use lower case letters, digits and _")
     if "__dataclass_fields__" not in getattr(cls, "__dict__", {}):  # neither an instance nor a class that inherits them
         raise PluginError(f"{kind} '{name}' is {cls!r}; register a class with @dataclass")
+    renamed.adapt(kind, name, cls)
     lacking = [member for member in members(KINDS[kind].protocol) if not hasattr(cls, member)]
     if lacking:
         raise PluginError(
-            f"{kind} '{name}' ({cls.__name__}) lacks {', '.join(lacking)}; see {KINDS[kind].protocol.__name__} in omnilab.api"
+            f"{kind} '{name}' ({cls.__name__}) lacks {', '.join(lacking)}{renamed.hint(cls, lacking)}; see {KINDS[kind].protocol.__name__} in omnilab.api"
         )
     if cls.__dataclass_params__.frozen:
         raise PluginError(f"{kind} '{name}' ({cls.__name__}) is frozen, so nothing could be overridden; use @dataclass")
@@ -261,8 +298,9 @@ def _check_free_command(name: str, plugin: Plugin, registry: Registry) -> None:
 
 
 def _store(component: Component) -> None:
-    kind, name = component.kind, component.name
-    package = f"{MANY[kind]}.{name}" if kind in MANY else kind
-    ConfigStore.instance().store(
-        group=kind, name=name, node=component.cls, package=package, provider=component.plugin.distribution
-    )
+    kind = component.kind
+    for name in filter(None, (component.name, component.formerly)):
+        package = f"{MANY[kind]}.{name}" if kind in MANY else kind
+        ConfigStore.instance().store(
+            group=kind, name=name, node=component.cls, package=package, provider=component.plugin.distribution
+        )

@@ -23,13 +23,13 @@ from omnilab.errors import DataError
 RUNNING, DONE, FAILED, INTERRUPTED, KILLED = "running", "done", "failed", "interrupted", "killed"
 
 
-class Logbook:
+class RunFolder:
     """Writes a run folder: status, manifest and log at the start, results at the end."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._handler: logging.Handler | None = None
-        self._teller = _Teller()
+        self._warnings = _WarningPrinter()
 
     def open(self, manifest: Mapping[str, Any], config_yaml: str, latest: Path | None = None) -> None:
         """Create the folder; from here on the run shows up in `omnilab runs`."""
@@ -48,7 +48,7 @@ class Logbook:
         self._handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
         logging.getLogger().addHandler(self._handler)
         logging.getLogger("omnilab").setLevel(logging.INFO)
-        logging.getLogger("omnilab").addHandler(self._teller)
+        logging.getLogger("omnilab").addHandler(self._warnings)
 
     def status(self, status: str, **more: Any) -> None:
         """Say how the run stands: running, done, failed (with the error) or interrupted."""
@@ -77,20 +77,20 @@ class Logbook:
             logging.getLogger().removeHandler(self._handler)
             self._handler.close()
             self._handler = None
-            logging.getLogger("omnilab").removeHandler(self._teller)
+            logging.getLogger("omnilab").removeHandler(self._warnings)
 
 
-class _Teller(logging.Handler):
+class _WarningPrinter(logging.Handler):
     """Warnings, which the log of a run keeps, for the user to see: each once. Errors are told where they end the run."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
-        self._told: set[str] = set()
+        self._printed: set[str] = set()
 
     def emit(self, record: logging.LogRecord) -> None:
         sentence = record.getMessage()
-        if record.levelno == logging.WARNING and sentence not in self._told:
-            self._told.add(sentence)
+        if record.levelno == logging.WARNING and sentence not in self._printed:
+            self._printed.add(sentence)
             sys.stderr.write(f"omnilab: {sentence}\n")
 
 

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnilab.api import Bytes, Signatures, Trainable
+from omnilab.api import Bytes, Signatures, Trainable, is_cached
 from omnilab.runner.fingerprint import fingerprint
-from omnilab.runner.signature_store import Shelf, is_alike, keys_of, put
+from omnilab.runner.signature_store import SignatureStore, is_alike, keys_of, put
 
 log = logging.getLogger("omnilab")
 
@@ -23,7 +23,7 @@ STALE_S = 3600.0  # what is still unfinished then was left by a process that die
 KEPT = 0.9  # of the limit, when it was passed
 
 
-class Cache:
+class SignatureCache:
     """Keeps what descriptors say about images, and gives it back bit for bit.
 
     In its folder each descriptor has a folder, named by the digest of its `fingerprint`, which is in `about.txt`. When
@@ -38,12 +38,12 @@ class Cache:
         self.found = 0  # images that had been described before
         self.made = 0  # images that had not
         self._classes: dict[type[Any], type[Any]] = {}
-        self._shelves: dict[str, Shelf | None] = {}
+        self._stores: dict[str, SignatureStore | None] = {}
         self._said: set[str] = set()
         self._bytes: int | None = None  # in the folder; None: not counted yet
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Cache, (self.folder, self.limit_bytes, self.threads)
+        return SignatureCache, (self.folder, self.limit_bytes, self.threads)
 
     def wrap(self, descriptor: Any) -> Any:
         """A descriptor like the given one, of a class derived from its own, that looks here before it describes.
@@ -51,7 +51,7 @@ class Cache:
         One that learns from the map, or says `cached = False`, is given back as it is.
         """
         cls = type(descriptor)
-        if isinstance(descriptor, Trainable) or not getattr(cls, "cached", True):
+        if isinstance(descriptor, Trainable) or not is_cached(cls):
             return descriptor
         if cls not in self._classes:
             members = {
@@ -66,14 +66,14 @@ class Cache:
 
     def _describe(self, cls: type[Any], descriptor: Any, images: Bytes) -> Signatures:
         """What `cls.describe` says; only images that are not known are given to it, in one batch."""
-        shelf = self._shelf(cls, descriptor)
-        if shelf is None or len(images) == 0:
+        store = self._store_of(cls, descriptor)
+        if store is None or len(images) == 0:
             return cls.describe(descriptor, images)  # type: ignore[no-any-return]
         keys = keys_of(images)
-        room, known = self._load(shelf, keys)
+        room, known = self._load(store, keys)
         if room is None:
             made: Signatures = cls.describe(descriptor, images)
-            self._store(shelf, keys, made)
+            self._save(store, keys, made)
             self.made += len(images)
             return made
         missing = np.setdiff1d(np.arange(len(images)), known)
@@ -81,35 +81,35 @@ class Cache:
             rest: Signatures = cls.describe(descriptor, images[missing])
             if not _is_sound(rest, len(missing)) or not is_alike(rest, room):
                 return cls.describe(descriptor, images)  # type: ignore[no-any-return]
-            self._store(shelf, [keys[i] for i in missing], rest)
+            self._save(store, [keys[i] for i in missing], rest)
             put(room, missing, rest)
         self.found += len(known)
         self.made += len(missing)
         return room
 
-    def _shelf(self, cls: type[Any], descriptor: Any) -> Shelf | None:
+    def _store_of(self, cls: type[Any], descriptor: Any) -> SignatureStore | None:
         """Where the descriptions by a descriptor with its present settings lie; None if they cannot be kept."""
         settings = f"{cls.__module__}.{cls.__qualname__} {asdict(descriptor)}"
-        if settings not in self._shelves:
+        if settings not in self._stores:
             about = fingerprint(descriptor)
             if about is None:
                 log.info("not cached, since a setting names a folder or there is no source file: %s", settings)
             about = about and f"format {FORMAT}\nthreads {self.threads}\n{about}\n"
-            self._shelves[settings] = Shelf(self.folder, about, self._damaged) if about else None
-        return self._shelves[settings]
+            self._stores[settings] = SignatureStore(self.folder, about, self._damaged) if about else None
+        return self._stores[settings]
 
-    def _load(self, shelf: Shelf, keys: list[bytes]) -> tuple[Signatures | None, list[int]]:
+    def _load(self, store: SignatureStore, keys: list[bytes]) -> tuple[Signatures | None, list[int]]:
         try:
-            return shelf.load(keys)
+            return store.load(keys)
         except OSError as error:
             self._say("read", f"the cache {self.folder} cannot be read ({error.strerror}), the run goes on without it")
             return None, []
 
-    def _store(self, shelf: Shelf, keys: list[bytes], made: Signatures) -> None:
+    def _save(self, store: SignatureStore, keys: list[bytes], made: Signatures) -> None:
         if "written" in self._said or not _is_sound(made, len(keys)):
             return
         try:
-            size = shelf.store(keys, made)
+            size = store.store(keys, made)
             self._bytes = sum(file.size for file in _files(self.folder)) if self._bytes is None else self._bytes + size
             if self._bytes > self.limit_bytes:
                 self._make_room()

@@ -28,7 +28,7 @@ def keys_of(images: Bytes) -> list[bytes]:
     return [hashlib.sha256(kind + image.tobytes()).digest()[:KEY_BYTES] for image in images]
 
 
-class Shelf:
+class SignatureStore:
     """A folder with one .npz file for each batch: the digests `keys` (N, 16) of its images and their signatures.
 
     A file is written under another name first and never changed afterwards: whoever writes may be killed at any time.

@@ -8,6 +8,9 @@
         check_descriptor(Mine())
 """
 
+from typing import Any
+
+from omnilab import renamed
 from omnilab.testing.altimeter import check_altimeter
 from omnilab.testing.backend import check_backend
 from omnilab.testing.descriptor import check_descriptor
@@ -37,3 +40,8 @@ __all__ = [
     "check_view_filter",
     "sample_records",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Names of the version before."""
+    return renamed.attribute(__name__, name, renamed.TESTING)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from omnilab import api
-from omnilab.api import Bytes, Floats, Signatures
+from omnilab.api import Bytes, Floats, Signatures, is_cached
 from omnilab.testing.common import check_common, expect, is_same, smooth_images
 
 
@@ -29,7 +29,7 @@ def check_descriptor(descriptor: Any) -> None:
     single = [descriptor.describe(images[i : i + 1]) for i in range(len(images))]
     alone = Signatures(np.concatenate([s.place for s in single]))
     expect(is_same(Signatures(first.place), alone, 1e-5), "a batch gives other signatures than its images one by one")
-    if not is_learner and getattr(descriptor, "cached", True):
+    if not is_learner and is_cached(descriptor):
         _check_parts(descriptor, images, first)
     black = descriptor.describe(np.zeros_like(images))
     expect(bool(np.isfinite(black.place).all()), "black images give NaN or infinity")

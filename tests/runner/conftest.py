@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import omnilab.runner.fingerprint as fingerprint_module
-from omnilab.runner.signature_cache import Cache
+from omnilab.runner.signature_cache import SignatureCache
 
 LIMIT = 10**9
 SOURCE = '''
@@ -82,7 +82,7 @@ def forget():
 @pytest.fixture
 def cache(tmp_path):
     """`cache()`: what another run would have."""
-    return lambda limit=LIMIT, threads=1: Cache(tmp_path / "cache", limit, threads)
+    return lambda limit=LIMIT, threads=1: SignatureCache(tmp_path / "cache", limit, threads)
 
 
 @pytest.fixture

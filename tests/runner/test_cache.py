@@ -13,9 +13,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import omnilab.runner.signature_store as shelf_module
+import omnilab.runner.signature_store as store_module
 from omnilab.runner.fingerprint import fingerprint
-from omnilab.runner.signature_cache import Cache
+from omnilab.runner.signature_cache import SignatureCache
 
 LIMIT = 10**9
 
@@ -173,7 +173,7 @@ def test_a_full_disk_is_said_once_and_the_run_goes_on(probe, cache, images, monk
         out.write(b"half of it")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(shelf_module.np, "savez", full)
+    monkeypatch.setattr(store_module.np, "savez", full)
     wrapped = cache().wrap(probe.Rows())
     for half in (images[:5], images[5:]):
         assert is_same(wrapped.describe(half), probe.Rows().describe(half))
@@ -228,9 +228,9 @@ def test_what_a_dead_writer_left_goes_when_room_is_made(probe, cache, images, tm
 WRITER = """
     import sys, numpy as np
     from pathlib import Path
-    from omnilab.runner.signature_cache import Cache
+    from omnilab.runner.signature_cache import SignatureCache
     from omnilab_appearance import TinyImage
-    tiny, rng = Cache(Path(sys.argv[1]), 10**9, 1).wrap(TinyImage()), np.random.default_rng(5)
+    tiny, rng = SignatureCache(Path(sys.argv[1]), 10**9, 1).wrap(TinyImage()), np.random.default_rng(5)
     print("ready", flush=True)
     sys.stdin.readline()
     for images in rng.integers(0, 256, (200, 8, 32, 64), dtype=np.uint8):
@@ -263,7 +263,7 @@ def test_two_processes_write_at_once(tmp_path, caplog, end):
     errors = [one.communicate()[1] for one in writers]
     assert errors == ["", ""]
     assert writers[1].returncode == 0
-    store = Cache(tmp_path, LIMIT, 1)
+    store = SignatureCache(tmp_path, LIMIT, 1)
     for images in np.random.default_rng(5).integers(0, 256, (200, 8, 32, 64), dtype=np.uint8):
         assert np.array_equal(store.wrap(TinyImage()).describe(images).place, TinyImage().describe(images).place)
     assert (store.found, store.made) == (1600, 0)

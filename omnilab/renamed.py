@@ -1,0 +1,107 @@
+"""Names of the version before: they go on working for this version, with one line that says the new one.
+
+A plugin or a script that was written with the old names runs; what it says on the way is what to write instead. The
+whole module, and what calls it, goes with the next version.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+from typing import Any
+
+MODULES: dict[str, tuple[str, ...]] = {  # where the content of a module is now
+    "omnilab.cache": ("omnilab.runner.signature_cache",),
+    "omnilab.calibration": ("omnilab.cameras.files",),
+    "omnilab.cli": ("omnilab.runner.cli",),
+    "omnilab.console": ("omnilab.runner.console_sink",),
+    "omnilab.distortion": ("omnilab.cameras.distortion",),
+    "omnilab.experiment": ("omnilab.runner.hydra_app",),
+    "omnilab.fingerprint": ("omnilab.runner.fingerprint",),
+    "omnilab.graph_files": ("omnilab.posegraph.files",),
+    "omnilab.graphs": ("omnilab.posegraph.graph",),
+    "omnilab.interrupts": ("omnilab.runner.interrupts",),
+    "omnilab.lenses": ("omnilab.cameras.lenses",),
+    "omnilab.logbook": ("omnilab.runner.run_folder",),
+    "omnilab.maps": ("omnilab.runner.map_file",),
+    "omnilab.mirrors": ("omnilab.cameras.mirrors",),
+    "omnilab.noncentral": ("omnilab.cameras.noncentral",),
+    "omnilab.ocam": ("omnilab.cameras.ocam",),
+    "omnilab.projection": ("omnilab.image", "omnilab.cameras"),
+    "omnilab.record": ("omnilab.runner.recorder",),
+    "omnilab.registry": ("omnilab.runner.registry",),
+    "omnilab.resample": ("omnilab.cameras.reproject",),
+    "omnilab.run": ("omnilab.runner.config", "omnilab.runner.build", "omnilab.runner.execute"),
+    "omnilab.shelf": ("omnilab.runner.signature_store",),
+    "omnilab.stereo": ("omnilab.cameras.stereo",),
+    "omnilab.terminal": ("omnilab.runner.terminal",),
+    "omnilab.trajectories": ("omnilab.trajectory.evaluation", "omnilab.trajectory.files"),
+    "omnilab.trajectory_files": ("omnilab.trajectory.files",),
+}
+API = {
+    "Arrangement": "Embedding",
+    "Growing": "IncrementalGraph",
+    "Layout": "PoseRequest",
+    "Learner": "Trainable",
+    "Learnt": "TrainedDescriptor",
+    "MapMaker": "Embedder",
+    "Memory": "PlaceDatabase",
+    "OnlineBackend": "IncrementalBackend",
+    "Tracker": "SequenceLocalizer",
+}
+TESTING = {"check_map_maker": "check_embedder"}
+MEMBERS = {  # what components must offer
+    "arrange": "embed",
+    "follow": "track",
+    "look": "extract",
+    "motion": "estimate",
+    "recall": "query",
+    "turned": "rotation",
+}
+ROTATIONS = {"shifts": "equivariant", "same": "invariant", "changes": "none"}  # `rotation` for what `turned` said
+
+
+def attribute(module: str, name: str, table: dict[str, str]) -> Any:
+    """What a module's attribute of an old name is, for its `__getattr__`; AttributeError if there was none."""
+    if name not in table:
+        raise AttributeError(f"module '{module}' has no attribute {name!r}")
+    warnings.warn(f"{module}.{name} is called {table[name]} now", FutureWarning, stacklevel=3)
+    return getattr(import_module(module), table[name])
+
+
+def adapt(kind: str, name: str, cls: type[Any]) -> str:
+    """Let a descriptor that declares `turned` declare `rotation`: what to write instead, "" where all is well."""
+    turned = getattr(cls, "turned", None)
+    if kind != "descriptor" or hasattr(cls, "rotation") or turned not in ROTATIONS:
+        return ""
+    cls.rotation = ROTATIONS[turned]
+    return f"descriptor '{name}' declares turned={turned!r}, which is called rotation={ROTATIONS[turned]!r} now"
+
+
+def hint(cls: type[Any], lacking: Sequence[str]) -> str:
+    """For a class that lacks members: which of its own are these by their old names."""
+    found = [f"`{old}` is called `{new}` now" for old, new in MEMBERS.items() if new in lacking and hasattr(cls, old)]
+    return f" ({'; '.join(found)})" if found else ""
+
+
+class Finder(MetaPathFinder, Loader):
+    """Imports a module by its old name: one that takes its attributes from where they are now."""
+
+    def find_spec(self, fullname: str, path: Any = None, target: Any = None) -> ModuleSpec | None:  # noqa: ARG002
+        return ModuleSpec(fullname, self) if fullname in MODULES else None
+
+    def exec_module(self, module: ModuleType) -> None:
+        homes = MODULES[module.__name__]
+        warnings.warn(f"{module.__name__} is now {' and '.join(homes)}", FutureWarning, stacklevel=2)
+
+        def lookup(name: str) -> Any:
+            for home in homes:
+                if hasattr(found := import_module(home), name):
+                    return getattr(found, name)
+            raise AttributeError(f"module '{module.__name__}' has no attribute {name!r}")
+
+        module.__dict__["__getattr__"] = lookup
