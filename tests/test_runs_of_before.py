@@ -1,0 +1,156 @@
+"""Runs, maps and recipes of version 0.1.0, as it was before its modules and names were moved.
+
+They are still read, viewed, compared and repeated. data/runs_0_1/README.md says how they were made; nothing in there is
+ever made anew to please a later version.
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+from rerun.chunk import RrdReader
+
+from omnilab.logbook import load_run
+from omnilab.maps import load_places
+from omnilab.registry import discover
+from omnilab.run import again, named_components, resolved_yaml
+
+BEFORE = Path(__file__).with_name("data") / "runs_0_1"
+NAMES = sorted(path.parent.name for path in BEFORE.glob("*/status.json"))
+QUICK = ("grid", "localize", "map_pca", "pose_graph", "render", "views")  # repeated whenever the tests are run
+SMALL = ("sensor.world=box_world.yaml", "sensor.size=64", "sensor.samples=1", "study.query_count=6", "study.show=1")
+NO_LOGS = ("~sink@sinks.rerun", "~sink@sinks.mcap", "cache=off")
+LAST_BITS = 1e-6  # relative: another processor sums in another order
+
+
+@pytest.fixture
+def here(tmp_path: Path, omnilab_here) -> Path:
+    """The current folder, with all the runs and what they were made from: their paths are relative to it."""
+    shutil.copytree(BEFORE, tmp_path, dirs_exist_ok=True)
+    return tmp_path
+
+
+def with_whole_paths(config: dict[str, Any]) -> dict[str, Any]:
+    """A configuration whose map is named by its whole path, as a run that is built names it."""
+    return config | {"map": config["map"] and str(Path(config["map"]).resolve())}
+
+
+# ----------------------------------------------------------------------------------------------------------- reading
+def test_every_study_has_a_run_of_before():
+    studies = {load_run(BEFORE / name).manifest["components"]["study"]["name"] for name in NAMES}
+    assert studies >= {
+        "altitude", "changes", "cost", "grid", "joint", "large_map", "linearity", "local_map", "localize", "map",
+        "pose_graph", "render", "resolution", "robustness", "room", "steps", "topological_map", "trajectory",
+        "view_count", "view_range", "view_slam", "views",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_run_is_read(name, here):
+    run = load_run(here / name)
+    assert run.state == "done"
+    assert run.manifest["seed"] == run.config["seed"]
+    assert f"experiment={run.manifest['experiment']}" in run.manifest["overrides"]
+    assert run.metrics
+    assert run.units.keys() == run.metrics.keys()
+    assert run.intervals.keys() <= run.metrics.keys()
+
+
+def test_all_runs_are_listed_with_their_state(here, omnilab_here):
+    done = omnilab_here("runs", ".")
+    assert done.rc == 0, done.stderr
+    lines = [line.split() for line in done.stdout.splitlines()]
+    assert [line[0] for line in lines if line[1:2] == ["done"]] == NAMES
+
+
+@pytest.mark.parametrize(
+    ("name", "components"), [("map", ("radon", "poc_band")), ("map_pca", ("rotational_pca", "log"))]
+)
+def test_a_map_is_read(name, components, here):
+    places = load_places(here / name / "map.npz")
+    assert len(places) == load_run(here / name).metrics["places"]
+    used = load_run(here / name).manifest["components"]
+    assert (used["descriptor"]["name"], used["distance"]["name"]) == components
+
+
+# ---------------------------------------------------------------------------------------------------------- building
+@pytest.mark.parametrize("name", NAMES)
+def test_a_run_is_built_again_as_it_was(name, here):
+    """The components that are installed now take the place of those of before, and are set as they were."""
+    registry, first = discover(), load_run(here / name)
+    run = again(first.config, first.manifest, registry)
+    assert with_whole_paths(yaml.safe_load(resolved_yaml(run))) == with_whole_paths(first.config)
+    now = {slot: component["name"] for slot, component in named_components(run, registry).items()}
+    assert now == {slot: component["name"] for slot, component in first.manifest["components"].items()}
+
+
+# --------------------------------------------------------------------------------------------------------- repeating
+@pytest.mark.parametrize("name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in NAMES])
+def test_a_run_is_repeated(name, here, omnilab_here):
+    done = omnilab_here("repeat", name)
+    assert done.rc in (0, 1), done.stderr
+    first, second = load_run(here / name), load_run(here / "logs/latest")
+    assert list(second.metrics) == list(first.metrics)
+    assert second.units == first.units
+    assert second.metrics == pytest.approx(first.metrics, rel=LAST_BITS, nan_ok=True)
+    assert (done.rc == 0) == (repr(second.metrics) == repr(first.metrics))
+    assert (here / "logs/latest/config.yaml").is_file()
+
+
+@pytest.mark.parametrize("name", ["map", "map_pca"])
+def test_a_map_is_asked(name, here, omnilab_here):
+    done = omnilab_here("experiment=localize", f"map={here / name / 'map.npz'}", *SMALL, *NO_LOGS)
+    assert done.rc == 0, done.stderr
+    assert "distances may not mean the same" not in done.stderr
+    assert load_run(here / "logs/latest").metrics["queries"] == 6
+
+
+# ----------------------------------------------------------------------------------------------------------- viewing
+@pytest.mark.slow
+def test_a_recording_is_shown(here, omnilab_here):
+    done = omnilab_here("view", "grid", "--screenshot", "picture.png")
+    if "mesa-vulkan-drivers" in done.stderr:
+        pytest.skip("no Vulkan driver (apt-get install mesa-vulkan-drivers)")
+    assert done.rc == 0, done.stderr
+    assert (here / "picture.png").stat().st_size > 10_000
+
+
+def test_a_recording_is_read_without_us():
+    columns: dict[str, set[str]] = {}
+    for chunk in RrdReader(BEFORE / "grid/run.rrd").stream().to_chunks():
+        columns.setdefault(chunk.entity_path, set()).update(chunk.to_record_batch().schema.names)
+    assert "Scalars:scalars" in columns["/error/position_m"]
+
+
+def test_a_log_is_read_without_us():
+    errors = []
+    with (BEFORE / "grid/run.mcap").open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        for _, channel, _, message in reader.iter_decoded_messages():
+            if channel.topic == "/error/position_m":
+                errors.append(message.value)
+    metrics = load_run(BEFORE / "grid").metrics
+    assert len(errors) == metrics["queries"]
+    assert sum(errors) / len(errors) == pytest.approx(metrics["position_error_mean"])
+
+
+@pytest.mark.parametrize("name", ["grid", "map"])
+def test_a_whole_run_has_nothing_to_repair(name, here, omnilab_here):
+    done = omnilab_here("repair", name)
+    assert done.rc == 0, done.stderr
+    assert "nothing to repair" in done.stderr
+
+
+# ----------------------------------------------------------------------------------------------- a user's own recipes
+@pytest.mark.parametrize("recipe", ["my_filter", "my_rivals", pytest.param("my_wheels", marks=pytest.mark.slow)])
+def test_a_recipe_of_a_user_runs(recipe, here, omnilab_here):
+    done = omnilab_here("--config-dir", "recipes", f"experiment={recipe}")
+    assert done.rc == 0, done.stderr
+    assert load_run(here / "logs/latest").manifest["experiment"] == recipe
+    assert load_run(here / "logs/latest").metrics
