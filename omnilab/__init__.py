@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 __all__ = ["Frames", "Match", "Metric", "Report", "Signatures", "hookimpl"]
 __version__ = "0.1.0"
 
-sys.meta_path.append(renamed.Finder())  # asked last, for modules that nobody else knows
+sys.meta_path.append(renamed.Finder())  # the last finder, for modules that no other finds
 
 
 def __getattr__(name: str) -> Any:

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 
 class OmnilabError(Exception):
-    """A mistake of the user, the data or the machine, told in one sentence that ends with what fixes it."""
+    """A mistake of the user, the data or the machine, in one sentence that ends with what fixes it."""
 
 
 class ConfigError(OmnilabError):

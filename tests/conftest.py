@@ -15,8 +15,8 @@ import pytest
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 
+from omnilab.api import KINDS
 from omnilab.runner.cli import main
-from omnilab.runner.registry import KINDS
 
 SCRIPT = Path(sys.executable).with_name("omnilab")
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # or each of our processes would compile all it imports

@@ -82,7 +82,7 @@ class Frames:
 
 @dataclass(frozen=True)
 class Signatures:
-    """N described images. `place` says where, `heading` (where it is an array of its own) says which way."""
+    """N described images. `place` encodes where, `heading` (where it is an array of its own) the orientation."""
 
     place: Floats  # (N, ...) float32
     heading: Floats | None = None  # (N, ...) float32
@@ -121,7 +121,7 @@ class Match:
 
 @dataclass(frozen=True)
 class Estimates:
-    """What a localizer answers to Q queries."""
+    """The estimates of a localizer for Q queries."""
 
     place: Ints  # (Q,) index of the best place
     distance: Floats  # (Q,) to that place
@@ -132,13 +132,15 @@ class Estimates:
 
 @dataclass(frozen=True)
 class Heights:
-    """How much higher N tests were taken than their references, as an altimeter tells from the images alone."""
+    """How much higher N tests were taken than their references, as an altimeter estimates from the images alone."""
 
-    value: Floats  # (N,) in the altimeter's own unit, above 0 where the test is higher; NaN where it cannot tell
+    value: Floats  # (N,) in the altimeter's own unit, above 0 where the test is higher; NaN where there is no estimate
     unit: str  # "m", or what it counts
     confidence: Floats  # (N,) in [0, 1]
     rotation_rad: Floats  # (N,) test heading - reference heading
-    curves: Mapping[str, Floats] = field(default_factory=dict)  # (N, M) by name: distances whose least tells the answer
+    curves: Mapping[str, Floats] = field(
+        default_factory=dict
+    )  # (N, M) by name: distances whose minimum is the estimate
 
 
 @dataclass(frozen=True)
@@ -148,7 +150,7 @@ class Embedding:
     position: Floats  # (B, n, 2) in the unit of the distances
     stress: Floats  # (B,) normalised: root of sum (|x_i - x_j| - d_ij)^2 / sum d_ij^2 over the pairs that count
     iterations: Ints  # (B,) until it settled
-    steps: Floats | None = None  # (S, B, n, 2) on the way, where they were asked for
+    steps: Floats | None = None  # (S, B, n, 2) on the way, where they were requested
 
 
 @dataclass(frozen=True)
@@ -230,5 +232,5 @@ class Optimized:
     chi2: float
     iterations: int
     weights: Floats  # (E,) in [0, 1]: how much each edge still counts; 0: it was rejected
-    covariances: Floats | None = None  # (N, d, d) of each pose, in its own frame, where they were asked for
-    warnings: Sequence[str] = ()  # what went wrong, in sentences
+    covariances: Floats | None = None  # (N, d, d) of each pose, in its own frame, where they were requested
+    warnings: Sequence[str] = ()  # in sentences

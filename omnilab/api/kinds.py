@@ -90,7 +90,7 @@ class TrainedDescriptor(Descriptor, Protocol):
     """A descriptor that was trained on a map's images, and can be saved with the map."""
 
     def state(self) -> Mapping[str, npt.NDArray[Any]]:
-        """All that was learnt, as arrays of numbers."""
+        """All that was trained, as arrays of numbers."""
 
 
 @runtime_checkable
@@ -106,7 +106,7 @@ class Trainable(DescriptorDeclaration, Protocol):
 
 @runtime_checkable
 class Distance(Protocol):
-    """Compares signatures and, where it can, tells the rotation between them."""
+    """Compares signatures and, where it can, estimates the rotation between them."""
 
     def prepare(self, places: Signatures) -> Any:
         """What can be computed once per map. `match` takes it as `index`."""
@@ -117,7 +117,7 @@ class Distance(Protocol):
 
 @runtime_checkable
 class Localizer(Protocol):
-    """Answers where a query was taken."""
+    """Estimates where a query was taken."""
 
     def prepare(self, places: Places, distance: Distance) -> Any:
         """The map made ready. `locate` takes it as `index`."""
@@ -150,7 +150,7 @@ class SequenceLocalizer(Protocol):
 
 @runtime_checkable
 class Altimeter(Protocol):
-    """Tells by how much two images of one column differ in height."""
+    """Estimates by how much two images of one column differ in height."""
 
     def relative(self, references: Bytes, tests: Bytes, camera: Camera) -> Heights:
         """Heights of tests (N, H, W) over references (N, H, W), or over one reference (1, H, W), all of one camera."""
@@ -199,7 +199,7 @@ class Backend(Protocol):
     def optimize(self, graph: PoseGraph, covariances: bool = False) -> Optimized:
         """The graph's optimum, its first pose kept; DataError if the graph is unsound.
 
-        A solver that diverges or fails costs no map: the last good poses come back, and what happened is said.
+        A solver that diverges or fails costs no map: the last good poses come back, and what happened is a warning.
         """
 
 
@@ -234,12 +234,12 @@ class ViewMap(Protocol):
     """A robot's pose and those of the views it has taken, as they become known. Poses are planar: x, y, heading.
 
     Views are numbered as they come, from 0. A view is observed by two angles: its bearing in the robot's frame,
-    atan2(y_i - y, x_i - x) - heading, and its relative orientation, heading_i - heading. What goes wrong is said in
-    sentences, and costs no more than the step or the observation it is about.
+    atan2(y_i - y, x_i - x) - heading, and its relative orientation, heading_i - heading. What goes wrong comes
+    back as warnings, in sentences, and costs no more than the step or the observation it is about.
     """
 
     def predict(self, motion: Floats, covariance: Floats) -> Sequence[str]:
-        """The robot moved by (3,), in its own frame, as odometry tells with covariance (3, 3)."""
+        """The robot moved by (3,), in its own frame, by odometry with covariance (3, 3)."""
 
     def observe(self, views: Ints, angles_rad: Floats, covariances: Floats) -> tuple[Bools, Sequence[str]]:
         """It sees views (K,) at bearings and relative orientations (K, 2), covariances (K, 2, 2): which (K,) it believes."""
@@ -282,7 +282,7 @@ class Study(Protocol):
     needs: ClassVar[tuple[str, ...]]
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
-        """Do the work; log on the way; return what was found."""
+        """Do the work; log meanwhile; return the results."""
 
 
 @runtime_checkable

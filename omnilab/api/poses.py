@@ -1,4 +1,4 @@
-"""What a sensor is asked for, and the plan that it answers with."""
+"""Requests for poses, and the plan that a sensor answers them with."""
 
 from __future__ import annotations
 

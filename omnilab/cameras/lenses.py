@@ -97,7 +97,7 @@ class AxialCamera(CentralCamera):
 
     @property
     def _reach_px(self) -> float:
-        """The radius up to which the model tells pixels from directions one to one."""
+        """The radius up to which the model maps directions to pixels one to one."""
         return np.inf
 
     @abstractmethod

@@ -90,7 +90,7 @@ def dead_reckoning(graph: PoseGraph) -> Floats:
 
 
 def spanning_tree(graph: PoseGraph) -> Iterator[tuple[int, int, int, bool]]:
-    """From node 0 outwards: a node that is reached, the new one, the edge and whether it leads that way.
+    """From node 0 outwards: a node that is reached, the new one, the edge and whether it leads in that direction.
 
     Runs of edges to the next node are followed before any other edge is (Dijkstra with costs 0 and 1).
     """
@@ -115,7 +115,7 @@ def spanning_tree(graph: PoseGraph) -> Iterator[tuple[int, int, int, bool]]:
 
 
 class Arrival(NamedTuple):
-    """A node as it comes to a robot on its way. Nodes are numbered as they come, from 0."""
+    """A node in the order in which a robot reaches them. Nodes are numbered as they come, from 0."""
 
     node: int  # its row in the graph
     before: int  # the number of the one that its motion starts from

@@ -112,12 +112,12 @@ def _check_slot(path: str, kind: str, value: Any, registry: Registry) -> None:
     if isinstance(value, dict):
         names = registry.names(kind)
         first = names[0] if names else "NAME"
-        way = (
+        remedy = (
             f"start it with `defaults: [{first}, _self_]`"
             if path == kind
             else f"choose one, as in +{kind}@{path}={first}"
         )
-        raise ConfigError(f"{path} is plain YAML without a component; {way} (registered: {', '.join(names)})")
+        raise ConfigError(f"{path} is plain YAML without a component; {remedy} (registered: {', '.join(names)})")
     lacking = [member for member in members(KINDS[kind].protocol) if not hasattr(value, member)]
     if lacking:
         raise ConfigError(f"{path} is a {type(value).__name__}, which lacks {', '.join(lacking)}; choose a {kind}")

@@ -25,7 +25,7 @@ class Console:
         self._progress: Any = None
         self._stages: dict[str, Any] = {}  # stage: bar on a terminal, start time elsewhere
 
-    def open(self, folder: Path) -> None:  # noqa: ARG002  every sink is told, this one writes no file
+    def open(self, folder: Path) -> None:  # noqa: ARG002  the contract of sinks; this one writes no file
         from rich.console import Console as RichConsole
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 

@@ -47,7 +47,7 @@ def execute(run: Run, folder: Path, registry: Registry, overrides: Sequence[str]
     try:
         with _signals(recorder), recorder, pinned(run.threads):
             for failure in registry.failures:
-                log.info("%s", failure.sentence)  # the command line has told the user
+                log.info("%s", failure.sentence)  # the command line has printed it
             report: Report = run.study.run(_parts(run, registry, cache), recorder, np.random.default_rng(run.seed))
             _log_results(report, recorder)
             run_folder.write(report)

@@ -19,11 +19,11 @@ INSTALLED = {Path(sysconfig.get_path(name)).resolve() for name in ("purelib", "p
 
 
 def fingerprint(component: Any) -> str | None:
-    """All that decides a component's results, one line each; None where that cannot be told.
+    """All that decides a component's results, one line each; None where that is not known.
 
     Its class, its settings and the content of the files they name; the files of the package that it comes from; of what
     that package imports, in turn: the files of source trees, the versions of installed distributions; Python and the
-    processor. It cannot be told for a setting that names a folder, nor for a class without a source file.
+    processor. It is not known for a setting that names a folder, nor for a class without a source file.
     """
     cls = type(component)
     leaves = list(_leaves("", component))
@@ -150,7 +150,7 @@ def _parsed(path: Path) -> ast.Module:
 @cache
 def _processor() -> str:
     """What decides which instructions numerical libraries choose."""
-    told = Path("/proc/cpuinfo")
-    lines = told.read_text(encoding="utf-8", errors="replace").splitlines() if told.exists() else []
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text(encoding="utf-8", errors="replace").splitlines() if cpuinfo.exists() else []
     words = sorted({line for line in lines if line.startswith(("model name", "flags", "Features"))})
     return f"{platform.machine()} {hashlib.sha256(' '.join(words).encode()).hexdigest()[:16]}"

@@ -23,7 +23,7 @@ Array = npt.NDArray[Any]
 FILE = "map.npz"
 FORMAT, VERSION = "omnilab map", 1
 MOST_ABOUT = 1 << 20  # characters
-LEARNT = "learnt."
+STATE = "learnt."  # before the names of the arrays of a trained descriptor
 
 
 def save_map(path: Path, places: Places, about: Mapping[str, Any]) -> None:
@@ -35,7 +35,7 @@ def save_map(path: Path, places: Places, about: Mapping[str, Any]) -> None:
         arrays["heading"] = places.signatures.heading
     if places.T_world_camera is not None:
         arrays["T_world_camera"] = places.T_world_camera
-    arrays |= {LEARNT + name: np.asarray(value) for name, value in places.descriptor_state.items()}
+    arrays |= {STATE + name: np.asarray(value) for name, value in places.descriptor_state.items()}
     part = path.with_name(path.name + ".part")
     try:
         with part.open("wb") as file:
@@ -94,8 +94,8 @@ def load_places(path: Path) -> Places:
             raise _unusable(path, f"{name} is {part.dtype} {part.shape}, which does not fit {count} places")
         if part is not None and kind is not np.str_ and not np.isfinite(part).all():
             raise _unusable(path, f"{name} holds NaN or infinity")
-    learnt = {name.removeprefix(LEARNT): value for name, value in arrays.items() if name.startswith(LEARNT)}
-    return Places(Signatures(place, heading), T, keys.tolist(), learnt)
+    state = {name.removeprefix(STATE): value for name, value in arrays.items() if name.startswith(STATE)}
+    return Places(Signatures(place, heading), T, keys.tolist(), state)
 
 
 def _arrays(path: Path, wanted: list[str] | None = None) -> dict[str, Array]:

@@ -81,7 +81,7 @@ class RunFolder:
 
 
 class _WarningPrinter(logging.Handler):
-    """Warnings, which the log of a run keeps, for the user to see: each once. Errors are told where they end the run."""
+    """Prints warnings, which the log of a run keeps, each once. Errors are printed where they end the run."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)

@@ -28,7 +28,7 @@ class SignatureCache:
 
     In its folder each descriptor has a folder, named by the digest of its `fingerprint`, which is in `about.txt`. When
     the files take more than `limit_bytes`, those that were used longest ago go. What is wrong with a file or with the
-    disk is said once, and costs only the saving.
+    disk is logged once, and costs only the saving.
     """
 
     def __init__(self, folder: Path, limit_bytes: int, threads: int) -> None:
@@ -153,7 +153,7 @@ def _files(folder: Path) -> Iterator[_File]:
 
 
 def _as(cls: type[Any], component: Any) -> Any:
-    """A component as an instance of a class derived from its own, or the other way round; its settings and its state."""
+    """A component as an instance of a class derived from its own, or the reverse; its settings and its state."""
     other = object.__new__(cls)
     state = {f.name: getattr(component, f.name) for f in fields(component)} | getattr(component, "__dict__", {})
     for name, value in state.items():

@@ -32,7 +32,7 @@ class SignatureStore:
     """A folder with one .npz file for each batch: the digests `keys` (N, 16) of its images and their signatures.
 
     A file is written under another name first and never changed afterwards: whoever writes may be killed at any time.
-    A file that cannot be read is removed, and `damaged` told which it was and what was wrong.
+    A file that cannot be read is removed, and `damaged` called with it and what was wrong.
     """
 
     def __init__(self, folder: Path, about: str, damaged: Callable[[Path, Exception], None]) -> None:

@@ -31,4 +31,4 @@ def check_altimeter(altimeter: Any) -> None:
     expect(bool(np.allclose(np.concatenate(single), first.value, equal_nan=True)),
             "a batch gives other heights than its images one by one")  # fmt: skip
     black = altimeter.relative(np.zeros_like(images[:1]), np.zeros_like(images), camera)
-    expect(bool((black.confidence == 0).all()), "black images are told apart with a confidence above 0")
+    expect(bool((black.confidence == 0).all()), "black images have a confidence above 0")

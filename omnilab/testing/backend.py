@@ -37,7 +37,7 @@ def check_backend(backend: Any) -> None:
         again = backend.optimize(graph)
         expect(np.array_equal(again.poses, found.poses), "the same graph gives other poses the second time")
         if isinstance(backend, api.IncrementalBackend):
-            _check_growing(backend.begin(graph.poses[0]), graph, truth)
+            _check_incremental(backend.begin(graph.poses[0]), graph, truth)
     apart = replace(graph, edges=graph.edges[2:], motions=graph.motions[2:], information=graph.information[2:])
     apart = replace(apart, edges=np.where(apart.edges == 1, 2, apart.edges))
     try:
@@ -47,20 +47,21 @@ def check_backend(backend: Any) -> None:
     raise AssertionError("a graph in two parts is optimised without a word")
 
 
-def _check_growing(growing: Any, graph: api.PoseGraph, truth: Floats) -> None:
+def _check_incremental(incremental: Any, graph: api.PoseGraph, truth: Floats) -> None:
     """Poses come one by one; each is there at once, and all are right at the end."""
     for arrival in arrivals(graph):
-        own, guess = arrival.edges, moved(growing.pose(arrival.before), arrival.motion)
-        said = growing.add(guess, arrival.ends, graph.motions[own], graph.information[own])
-        expect(not said, f"adding a pose goes wrong: {said}")
-        expect(len(growing.poses()) == arrival.node + 1, "there are not as many poses as were added")
-    expect(bool(np.allclose(matrices(growing.poses()), matrices(truth), atol=1e-4)), "perfect motions are not met")
+        own, guess = arrival.edges, moved(incremental.pose(arrival.before), arrival.motion)
+        warnings = incremental.add(guess, arrival.ends, graph.motions[own], graph.information[own])
+        expect(not warnings, f"adding a pose goes wrong: {warnings}")
+        expect(len(incremental.poses()) == arrival.node + 1, "there are not as many poses as were added")
+    expect(bool(np.allclose(matrices(incremental.poses()), matrices(truth), atol=1e-4)), "perfect motions are not met")
     number, nowhere = len(graph), np.array([[0, len(graph) + 5]])
-    said = growing.add(truth[0], nowhere, graph.motions[:1], graph.information[:1])
-    expect(len(said) > 0, "an edge to a pose that is not there is taken without a word")
-    expect(len(growing.poses()) == number + 1, "an update that failed loses its pose")
+    warnings = incremental.add(truth[0], nowhere, graph.motions[:1], graph.information[:1])
+    expect(len(warnings) > 0, "an edge to a pose that is not there is taken without a word")
+    expect(len(incremental.poses()) == number + 1, "an update that failed loses its pose")
     expect(
-        bool(np.allclose(matrices(growing.poses()[:-1]), matrices(truth), atol=1e-3)), "a failed update costs the map"
+        bool(np.allclose(matrices(incremental.poses()[:-1]), matrices(truth), atol=1e-3)),
+        "a failed update costs the map",
     )
 
 

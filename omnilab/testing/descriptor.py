@@ -15,10 +15,10 @@ def check_descriptor(descriptor: Any) -> None:
     """Shape, type, finite, deterministic, batch equals one by one, rotation as declared, defined on black, pickles."""
     check_common("descriptor", descriptor)
     images = smooth_images(descriptor.view, descriptor.color)
-    if is_learner := isinstance(descriptor, api.Trainable):
-        learner, descriptor = descriptor, descriptor.fit(images)
-        expect(is_same(learner.restore(descriptor.state()).describe(images), descriptor.describe(images), 0),
-                "restored from its state, what was learnt gives other signatures")  # fmt: skip
+    if is_trainable := isinstance(descriptor, api.Trainable):
+        trainable, descriptor = descriptor, descriptor.fit(images)
+        expect(is_same(trainable.restore(descriptor.state()).describe(images), descriptor.describe(images), 0),
+                "restored from its state, what was trained gives other signatures")  # fmt: skip
     first = descriptor.describe(images)
     expect(isinstance(first, Signatures), f"describes images as {type(first).__name__}, not as Signatures")
     for part in (first.place, *([] if first.heading is None else [first.heading])):
@@ -29,11 +29,11 @@ def check_descriptor(descriptor: Any) -> None:
     single = [descriptor.describe(images[i : i + 1]) for i in range(len(images))]
     alone = Signatures(np.concatenate([s.place for s in single]))
     expect(is_same(Signatures(first.place), alone, 1e-5), "a batch gives other signatures than its images one by one")
-    if not is_learner and is_cached(descriptor):
+    if not is_trainable and is_cached(descriptor):
         _check_parts(descriptor, images, first)
     black = descriptor.describe(np.zeros_like(images))
     expect(bool(np.isfinite(black.place).all()), "black images give NaN or infinity")
-    _check_turn(descriptor, images, first)
+    _check_rotation(descriptor, images, first)
 
 
 def _check_parts(descriptor: Any, images: Bytes, whole: Signatures) -> None:
@@ -46,24 +46,24 @@ def _check_parts(descriptor: Any, images: Bytes, whole: Signatures) -> None:
                 " say `cached = False`")  # fmt: skip
 
 
-def _check_turn(descriptor: Any, images: Bytes, before: Signatures) -> None:
+def _check_rotation(descriptor: Any, images: Bytes, before: Signatures) -> None:
     """A quarter turn of the camera moves pixels exactly, so what it does to signatures is known exactly."""
     expect(
-        descriptor.rotation in {"shifts", "same", "changes"},
-        f"turned={descriptor.rotation!r} is none of 'shifts', 'same', 'changes'",
+        descriptor.rotation in {"equivariant", "invariant", "none"},
+        f"rotation={descriptor.rotation!r} is none of 'equivariant', 'invariant', 'none'",
     )
     if descriptor.rotation == "none" and before.heading is None:
         return
     if descriptor.view == "mirror":
-        turned = np.rot90(images, k=-1, axes=(1, 2))
+        rotated = np.rot90(images, k=-1, axes=(1, 2))
     else:
-        turned = np.roll(images, -images.shape[2] // 4, axis=2)
-    after = descriptor.describe(np.ascontiguousarray(turned))
+        rotated = np.roll(images, -images.shape[2] // 4, axis=2)
+    after = descriptor.describe(np.ascontiguousarray(rotated))
     if descriptor.rotation != "none":
         expected = _quarter(before.place) if descriptor.rotation == "equivariant" else before.place
         expect(
             is_same(Signatures(expected), Signatures(after.place), 1e-3),
-            f"declares turned={descriptor.rotation!r}, but a quarter turn to the left does something else",
+            f"declares rotation={descriptor.rotation!r}, but a quarter turn to the left does something else",
         )
     if before.heading is not None:
         expect(
@@ -72,8 +72,8 @@ def _check_turn(descriptor: Any, images: Bytes, before: Signatures) -> None:
         )
 
 
-def _quarter(turned: Floats) -> Floats:
+def _quarter(values: Floats) -> Floats:
     """What a quarter turn to the left makes of an axis that shifts."""
-    samples = turned.shape[-1]
+    samples = values.shape[-1]
     expect(samples % 4 == 0, f"{samples} angles hold no quarter turn; check a descriptor with a multiple of 4")
-    return np.roll(turned, -samples // 4, axis=-1)
+    return np.roll(values, -samples // 4, axis=-1)

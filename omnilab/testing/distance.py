@@ -33,8 +33,10 @@ def check_distance(distance: Any, signatures: Signatures | None = None) -> None:
 def _check_rotation(distance: Any, places: Signatures, index: Any) -> None:
     samples = places.place.shape[-1]
     for shift in (0, 1, samples // 3, samples - 1):
-        turned = Signatures(np.roll(places.place, -shift, axis=-1))  # the camera turned to the left by `shift` samples
-        rotation = distance.match(turned, index).rotation_rad.diagonal()
+        rotated = Signatures(
+            np.roll(places.place, -shift, axis=-1)
+        )  # the camera rotated to the left by `shift` samples
+        rotation = distance.match(rotated, index).rotation_rad.diagonal()
         error = np.angle(np.exp(1j * (rotation - 2 * np.pi * shift / samples)))
         expect(bool((np.abs(error) < np.pi / samples).all()),
                 f"a turn by {shift} of {samples} samples is answered with {np.rad2deg(rotation)} degrees")  # fmt: skip

@@ -38,15 +38,15 @@ def check_localizer(localizer: Any) -> None:
     expect(bool(np.allclose(single, found.position_m)), "a batch gives other positions than its queries one by one")
 
 
-def check_embedder(maker: Any) -> None:
+def check_embedder(embedder: Any) -> None:
     """Shapes, deterministic, a plane's own distances are kept, infinite ones do not count, batch equals one by one."""
-    check_localizer(maker)
-    expect(isinstance(maker, api.Embedder), "has no `embed`")
+    check_localizer(embedder)
+    expect(isinstance(embedder, api.Embedder), "has no `embed`")
     position = np.random.default_rng(8).uniform(-1, 1, (3, 12, 2))
     given = np.linalg.norm(position[:, :, None] - position[:, None], axis=-1)
     given[0, 2, 9] = given[0, 9, 2] = np.inf
     before = given.copy()
-    made = maker.embed(given, np.random.default_rng(4), steps=7)
+    made = embedder.embed(given, np.random.default_rng(4), steps=7)
     expect(np.array_equal(given, before), "the distances that were given are changed")
     expect(made.position.shape == position.shape, f"positions have shape {made.position.shape}, not (B, n, 2)")
     expect(made.steps is not None and made.steps.shape[1:] == position.shape, "states on the way are not (S, B, n, 2)")
@@ -58,9 +58,9 @@ def check_embedder(maker: Any) -> None:
     misfit /= np.sqrt(np.sum(given**2, axis=(1, 2), where=counts))
     expect(bool(np.allclose(made.stress, misfit, atol=1e-6)), f"stress is {made.stress}, the positions have {misfit}")
     expect(bool((misfit < 0.05).all()), f"distances of a plane are kept with a stress of {misfit.max():.3f} only")
-    again = maker.embed(given, np.random.default_rng(4))
+    again = embedder.embed(given, np.random.default_rng(4))
     expect(np.array_equal(again.position, made.position), "the same seed makes another map the second time")
-    single = [maker.embed(given[i : i + 1], np.random.default_rng(4)).position for i in range(len(given))]
+    single = [embedder.embed(given[i : i + 1], np.random.default_rng(4)).position for i in range(len(given))]
     expect(
         bool(np.allclose(np.concatenate(single), made.position)), "a batch makes other maps than its sets one by one"
     )

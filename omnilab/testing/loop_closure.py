@@ -11,21 +11,22 @@ from omnilab.testing.common import check_common, expect
 
 
 def check_loop_closure(closure: Any, frames: api.Frames) -> None:
-    """Nodes are earlier ones, shapes agree, covariances are positive, two memories know nothing of each other; pickles."""
+    """Nodes are earlier ones, shapes agree, covariances are positive, two databases know nothing of each other; pickles."""
     check_common("loop_closure", closure)
     found = []
-    for memory in (closure.begin(), closure.begin()):
+    for database in (closure.begin(), closure.begin()):
         rng = np.random.default_rng(1)
         for i in range(len(frames)):
-            told = memory.query(frames.at(i), None, 0.1, rng)
-            count = len(told.nodes)
+            closures = database.query(frames.at(i), None, 0.1, rng)
+            count = len(closures.nodes)
             expect(i > 0 or count == 0, "the first image is recognised")
             expect(
-                bool((told.nodes < i).all()), f"image {i} is recognised as one that has not come before: {told.nodes}"
+                bool((closures.nodes < i).all()),
+                f"image {i} is recognised as one that has not come before: {closures.nodes}",
             )
-            expect(told.motions.shape == (count, 3), f"motions have shape {told.motions.shape}, not (K, 3)")
-            expect(told.covariances.shape == (count, 3, 3), f"covariances have shape {told.covariances.shape}")
-            expect(told.distances.shape == (count,), f"distances have shape {told.distances.shape}, not (K,)")
-            expect(bool((np.linalg.eigvalsh(told.covariances) > 0).all()), "covariances are not positive definite")
-            found.append([*told.nodes.tolist(), *told.motions.ravel().tolist()])
-    expect(found[: len(frames)] == found[len(frames) :], "a second memory answers otherwise than the first")
+            expect(closures.motions.shape == (count, 3), f"motions have shape {closures.motions.shape}, not (K, 3)")
+            expect(closures.covariances.shape == (count, 3, 3), f"covariances have shape {closures.covariances.shape}")
+            expect(closures.distances.shape == (count,), f"distances have shape {closures.distances.shape}, not (K,)")
+            expect(bool((np.linalg.eigvalsh(closures.covariances) > 0).all()), "covariances are not positive definite")
+            found.append([*closures.nodes.tolist(), *closures.motions.ravel().tolist()])
+    expect(found[: len(frames)] == found[len(frames) :], "a second database answers otherwise than the first")

@@ -26,5 +26,5 @@ def check_sensor(sensor: Any, layout: PoseRequest) -> None:
         expect(batch.images.shape[1:3] == (batch.camera.height, batch.camera.width), "the camera has another size")
         expect(len(batch.keys) == len(batch.stamps_ns) == len(batch), "keys, stamps and images differ in number")
     part = next(iter(sensor.frames(plan.at([int(order[-1])]))))
-    expect(np.array_equal(part.images[0], batches[-1].images[-1]), "the last frame looks otherwise when asked alone")
-    expect(part.keys[0] == batches[-1].keys[-1], "the last frame has another key when asked alone")
+    expect(np.array_equal(part.images[0], batches[-1].images[-1]), "the last frame is another when requested alone")
+    expect(part.keys[0] == batches[-1].keys[-1], "the last frame has another key when requested alone")

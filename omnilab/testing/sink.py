@@ -24,7 +24,7 @@ def check_sink(sink: Any, folder: Path) -> None:
         sink.write(path, record, tick)
         sink.flush()
     sink.close()
-    expect(sink.repair(folder) is None, "a run that ended well is said to need repair")
+    expect(sink.repair(folder) is None, "a run that ended well needs repair")
     pickle.loads(pickle.dumps(sink))  # noqa: S301  our own bytes
 
 

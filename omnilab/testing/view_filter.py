@@ -15,7 +15,7 @@ from omnilab.testing.common import check_common, expect
 def check_view_filter(view_filter: Any) -> None:
     """A circle without noise, with views seen truly, is kept exactly; a wrong observation is not believed; pickles.
 
-    Covariances stay symmetric and positive; views are numbered as they come. A view from before tells where the robot is.
+    Covariances stay symmetric and positive; views are numbered as they come. Known views locate the robot.
     """
     check_common("view_filter", view_filter)
     angle = np.linspace(0, 2 * np.pi, 25)
@@ -30,9 +30,9 @@ def check_view_filter(view_filter: Any) -> None:
         far = [k for k, view in enumerate(kept) if np.hypot(*(view - truth[i])[:2]) > 0.7]
         if far:
             seen = np.array([_angles(truth[i], kept[k]) for k in far])
-            believed, said = found.observe(np.array(far), seen, np.tile(1e-4 * np.eye(2), (len(far), 1, 1)))
+            believed, warnings = found.observe(np.array(far), seen, np.tile(1e-4 * np.eye(2), (len(far), 1, 1)))
             expect(np.shape(believed) == (len(far),), "it does not say of each observation whether it is believed")
-            expect(bool(np.all(believed)) and not said, f"true observations are not believed: {said}")
+            expect(bool(np.all(believed)) and not warnings, f"true observations are not believed: {warnings}")
         if i % 4 == 0:
             expect(found.add_view() == len(kept), "views are not numbered as they come")
             kept.append(truth[i])
@@ -47,25 +47,25 @@ def check_view_filter(view_filter: Any) -> None:
     wrong = _angles(truth[-1], kept[2]) + np.array([1.5, -1.0])
     believed, _ = found.observe(np.array([2]), wrong[None], 1e-4 * np.eye(2)[None])
     expect(not believed[0], "an observation that is off by a radian is believed")
-    way = found.finish()
-    expect(way.shape == truth.shape, f"the way has shape {way.shape}, not (T, 3)")
-    expect(bool(np.allclose(way[:, :2], truth[:, :2], atol=1e-3)), "the way is not the true one")
+    trajectory = found.finish()
+    expect(trajectory.shape == truth.shape, f"the trajectory has shape {trajectory.shape}, not (T, 3)")
+    expect(bool(np.allclose(trajectory[:, :2], truth[:, :2], atol=1e-3)), "the trajectory is not the true one")
 
 
 def _check_known_view(view_filter: Any) -> None:
-    """Views from before are where they were said to be, and put right a robot that is unsure of itself."""
+    """Known views stay where they are known to be, and correct a robot that is unsure of its pose."""
     known, small = np.array([[3.0, 2, 0.5], [3, -2, -0.5]]), np.diag([1e-6, 1e-6, 1e-6])
     found = view_filter.begin(np.array([0.1, -0.1, 0.02]), np.diag([0.1, 0.1, 0.02]))
     numbers = [found.know_view(pose, small) for pose in known]
-    expect(numbers == [0, 1], "views from before are not numbered as they come")
-    expect(bool(np.allclose(found.views(), known)), "views from before are not where they were said to be")
+    expect(numbers == [0, 1], "known views are not numbered as they come")
+    expect(bool(np.allclose(found.views(), known)), "known views are not where they are known to be")
     for one in found.view_covariances():
-        expect(bool(np.allclose(one, small)), "views from before are not as sure as they were said to be")
+        expect(bool(np.allclose(one, small)), "the covariance of known views is another")
     seen = np.array([_angles(np.zeros(3), pose) for pose in known])
     for _ in range(3):
         found.observe(np.arange(2), seen, np.tile(1e-6 * np.eye(2), (2, 1, 1)))
-    expect(bool(np.allclose(found.pose()[0], 0, atol=0.01)), "views from before do not tell where the robot is")
-    expect(len(found.finish()) == 1, "views from before are taken for poses of the way")
+    expect(bool(np.allclose(found.pose()[0], 0, atol=0.01)), "known views do not locate the robot")
+    expect(len(found.finish()) == 1, "known views are taken for poses of the trajectory")
 
 
 def _angles(robot: Floats, view: Floats) -> Floats:

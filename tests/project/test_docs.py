@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from omnilab.api import KINDS
 from omnilab.runner.cli import COMMANDS
-from omnilab.runner.registry import KINDS, discover
+from omnilab.runner.registry import discover
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

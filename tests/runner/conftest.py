@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
+import os
+import shutil
 import sys
 
 import numpy as np
@@ -101,3 +104,13 @@ def made_anew():
         return store.made
 
     return made_anew
+
+
+@pytest.fixture(scope="session")
+def installer() -> list[str]:
+    """What installs packages beside the interpreter that runs the tests: uv, else pip."""
+    if uv := os.environ.get("UV") or shutil.which("uv"):
+        return [uv, "pip", "install", "--python", sys.executable]
+    if importlib.util.find_spec("pip"):
+        return [sys.executable, "-m", "pip", "install"]
+    pytest.skip("neither uv nor pip is there to install a distribution with")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import importlib.util
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -25,21 +24,12 @@ SMALL = (
 )  # fmt: skip
 
 
-def installer() -> list[str]:
-    """What installs packages beside the interpreter that runs the tests: uv, else pip."""
-    if uv := os.environ.get("UV") or shutil.which("uv"):
-        return [uv, "pip", "install", "--python", sys.executable]
-    if importlib.util.find_spec("pip"):
-        return [sys.executable, "-m", "pip", "install"]
-    pytest.skip("neither uv nor pip is there to install a distribution with")
-
-
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def installed(tmp_path_factory: pytest.TempPathFactory, installer: list[str]) -> Path:
     """A folder for PYTHONPATH in which the distribution is installed; its source tree is gone."""
     source, target = tmp_path_factory.mktemp("source") / "omnilab-tiny", tmp_path_factory.mktemp("installed")
     shutil.copytree(SOURCE, source, ignore=shutil.ignore_patterns("__pycache__"))
-    command = [*installer(), "--quiet", "--no-deps", "--target", str(target), str(source)]
+    command = [*installer, "--quiet", "--no-deps", "--target", str(target), str(source)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
     shutil.rmtree(source)

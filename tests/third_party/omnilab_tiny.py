@@ -11,7 +11,7 @@ class Tiny:
 
     rows: int = 8  # of the tiny image
     columns: int = 32  # of the tiny image, over 360 degrees
-    view, color, turned, default_distance = "panorama", False, "shifts", "poc"
+    view, color, rotation, default_distance = "panorama", False, "equivariant", "poc"
 
     def describe(self, images):
         for axis, cells in (1, self.rows), (2, self.columns):

@@ -1,6 +1,6 @@
 """Runs, maps and recipes of version 0.1.0, as it was before its modules and names were moved.
 
-They are still read, viewed, compared and repeated. data/runs_0_1/README.md says how they were made; nothing in there is
+They are still read, viewed, compared and repeated. tests/data/runs_0_1/README.md says how they were made; nothing in there is
 ever made anew to please a later version.
 """
 
@@ -16,12 +16,13 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from rerun.chunk import RrdReader
 
-from omnilab.logbook import load_run
-from omnilab.maps import load_places
-from omnilab.registry import discover
-from omnilab.run import again, named_components, resolved_yaml
+from omnilab.runner.build import again
+from omnilab.runner.config import named_components, resolved_yaml
+from omnilab.runner.map_file import load_places
+from omnilab.runner.registry import discover
+from omnilab.runner.run_folder import load_run
 
-BEFORE = Path(__file__).with_name("data") / "runs_0_1"
+BEFORE = Path(__file__).parent.parent / "data" / "runs_0_1"
 NAMES = sorted(path.parent.name for path in BEFORE.glob("*/status.json"))
 QUICK = ("grid", "localize", "map_pca", "pose_graph", "render", "views")  # repeated whenever the tests are run
 SMALL = ("sensor.world=box_world.yaml", "sensor.size=64", "sensor.samples=1", "study.query_count=6", "study.show=1")
