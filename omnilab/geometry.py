@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-Floats = npt.NDArray[np.floating[Any]]
+from omnilab.api import Floats
 
 
 def wrap_angle(angle_rad: npt.ArrayLike) -> Floats:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from omnilab.api import Floats, Ints
 from omnilab.geometry import wrap_angle
-
-Floats = npt.NDArray[np.floating[Any]]
-Ints = npt.NDArray[np.integer[Any]]
 
 TIE_M = 1e-3  # places this much farther than the nearest one are as near
 SPACING_SAMPLES = 1000

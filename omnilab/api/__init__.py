@@ -15,6 +15,7 @@ from typing import Any
 
 from omnilab import renamed
 from omnilab.api.data import (
+    Array,
     Bools,
     Bytes,
     CalibratedCamera,
@@ -88,6 +89,7 @@ __all__ = [
     "KINDS",
     "Altimeter",
     "Answers",
+    "Array",
     "Backend",
     "Bools",
     "Bytes",

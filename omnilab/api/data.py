@@ -13,6 +13,7 @@ Floats = npt.NDArray[np.floating[Any]]
 Ints = npt.NDArray[np.integer[Any]]
 Bytes = npt.NDArray[np.uint8]
 Bools = npt.NDArray[np.bool_]
+Array = npt.NDArray[Any]  # of any type
 T = TypeVar("T")
 
 

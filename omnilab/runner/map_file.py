@@ -14,12 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from omnilab.api import Places, Signatures
+from omnilab.api import Array, Places, Signatures
 from omnilab.errors import DataError
 
-Array = npt.NDArray[Any]
 FILE = "map.npz"
 FORMAT, VERSION = "omnilab map", 1
 MOST_ABOUT = 1 << 20  # characters

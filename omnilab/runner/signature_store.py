@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from omnilab.api import Bytes, Signatures
+from omnilab.api import Array, Bytes, Signatures
 
 KEY_BYTES = 16  # of an image's digest
 DAMAGED = (ValueError, KeyError, EOFError, MemoryError, NotImplementedError, zipfile.BadZipFile)
-Arrays = dict[str, npt.NDArray[Any]]
+Arrays = dict[str, Array]
 
 
 def keys_of(images: Bytes) -> list[bytes]:
