@@ -276,8 +276,8 @@ def members(protocol: type[Any]) -> list[str]:
     found: list[str] = []
     for cls in reversed(protocol.__mro__):
         if getattr(cls, "_is_protocol", False):
-            asked = [n for n, value in vars(cls).items() if callable(value) or isinstance(value, property)]
-            found += [name for name in [*cls.__annotations__, *asked] if not name.startswith("_")]
+            offered = [n for n, value in vars(cls).items() if callable(value) or isinstance(value, property)]
+            found += [name for name in [*cls.__annotations__, *offered] if not name.startswith("_")]
     return list(dict.fromkeys(found))
 
 

@@ -39,7 +39,7 @@ class SignatureCache:
         self.made = 0  # images that had not
         self._classes: dict[type[Any], type[Any]] = {}
         self._stores: dict[str, SignatureStore | None] = {}
-        self._said: set[str] = set()
+        self._logged: set[str] = set()
         self._bytes: int | None = None  # in the folder; None: not counted yet
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -102,11 +102,11 @@ class SignatureCache:
         try:
             return store.load(keys)
         except OSError as error:
-            self._say("read", f"the cache {self.folder} cannot be read ({error.strerror}), the run goes on without it")
+            self._warn_once("read", f"the cache {self.folder} cannot be read ({error.strerror}), the run goes on without it")
             return None, []
 
     def _save(self, store: SignatureStore, keys: list[bytes], made: Signatures) -> None:
-        if "written" in self._said or not _is_sound(made, len(keys)):
+        if "written" in self._logged or not _is_sound(made, len(keys)):
             return
         try:
             size = store.store(keys, made)
@@ -114,7 +114,7 @@ class SignatureCache:
             if self._bytes > self.limit_bytes:
                 self._make_room()
         except OSError as error:
-            self._say("written", f"the cache {self.folder} cannot be written ({error.strerror}), the run goes on;"
+            self._warn_once("written", f"the cache {self.folder} cannot be written ({error.strerror}), the run goes on;"
                       " free some space, or give cache=DIR or cache=off")  # fmt: skip
 
     def _make_room(self) -> None:
@@ -129,12 +129,12 @@ class SignatureCache:
         self._bytes = left
 
     def _damaged(self, file: Path, error: Exception) -> None:
-        self._say("whole", f"{file} in the cache is damaged ({error}); its images are described anew")
+        self._warn_once("whole", f"{file} in the cache is damaged ({error}); its images are described anew")
 
-    def _say(self, what: str, sentence: str) -> None:
+    def _warn_once(self, what: str, sentence: str) -> None:
         """Once a run."""
-        if what not in self._said:
-            self._said.add(what)
+        if what not in self._logged:
+            self._logged.add(what)
             log.warning("%s", sentence)
 
 

@@ -45,7 +45,7 @@ class SignatureStore:
     def load(self, keys: Sequence[bytes]) -> tuple[Signatures | None, list[int]]:
         """Room for the signatures of all, filled for those that are known (None if none is); and which these are."""
         if not self._index.keys() >= set(keys):
-            self._look()
+            self._refresh()
         wanted: dict[Path, list[tuple[int, int]]] = defaultdict(list)
         for position, key in enumerate(keys):
             if key in self._index:
@@ -89,7 +89,7 @@ class SignatureStore:
         self._take_up(file, keys)
         return size
 
-    def _look(self) -> None:
+    def _refresh(self) -> None:
         """Take up the files that have appeared, by whatever process."""
         for file in sorted(set(self.folder.glob("*.npz")) - self._seen):
             if arrays := self._read(file, ("keys",)):
