@@ -1,4 +1,4 @@
-"""What an odometry saw: the panorama with the way that matches moved, and the window that won."""
+"""Matches of an odometry drawn into panoramas."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ ZOOM = 2
 AGREES, DISAGREES = (70, 220, 130), (240, 80, 80)
 
 
-def drawn(frame: Frames, motion: Motion | None) -> Bytes:
+def draw_matches(frame: Frames, motion: Motion | None) -> Bytes:
     """The panorama of an image (a batch of one), clockwise to the right, as a person sees it.
 
-    Lines lead from where a match would be had the camera only turned to where it is: green where it agrees with the
-    motion, else red. The half of the panorama that won the vote is bright.
+    A line leads from where a match would be after the estimated rotation alone to where it is: green where it agrees
+    with the motion, else red. The half of the panorama with the most votes is bright.
     """
     import cv2
 
@@ -28,8 +28,8 @@ def drawn(frame: Frames, motion: Motion | None) -> Bytes:
     picture = np.ascontiguousarray(picture[:, ::-1])
     if motion is None or motion.matches is None:
         return picture
-    turn = 0.0 if np.isnan(motion.vector[2]) else float(motion.vector[2])
-    start = _pixels(motion.matches[:, 0] - [turn, 0.0], picture.shape)
+    rotation = 0.0 if np.isnan(motion.vector[2]) else float(motion.vector[2])
+    start = _pixels(motion.matches[:, 0] - [rotation, 0.0], picture.shape)
     end = _pixels(motion.matches[:, 1], picture.shape)
     agree = np.ones(len(end), bool) if motion.agree is None else motion.agree
     for (u0, v0), (u, v), good in zip(start.tolist(), end.tolist(), agree.tolist(), strict=True):
@@ -46,7 +46,7 @@ def _pixels(azimuth_level: Floats, shape: tuple[int, ...]) -> Floats:
     return np.column_stack([shape[1] - 1 - share * shape[1], (1 - azimuth_level[:, 1]) * shape[0] - 0.5])
 
 
-def pair(now: Bytes, view: Bytes | None, motion: Motion | None) -> Bytes:
+def draw_match_pair(now: Bytes, view: Bytes | None, motion: Motion | None) -> Bytes:
     """A panorama (H, W) above that of a view, and lines between their matches; black where no view is compared.
 
     Panoramas are as `omnilab.image.panorama` makes them; they are shown clockwise, matches that agree in green.

@@ -22,17 +22,13 @@ from omnilab.api import (
 )
 from omnilab.errors import ConfigError, DataError
 from omnilab.metrics import distances_to, verdicts
-from omnilab_studies.common.describing import deliver, deliver_queries
+from omnilab_studies.common.frames import deliver, deliver_queries
 from omnilab_studies.common.grids import check_extent, check_step_or_every, grid_poses
-from omnilab_studies.common.methods import (
-    Method,
-    descriptors_of,
-    methods_of,
-    prepared,
-)
+from omnilab_studies.common.methods import Method, descriptors_of, methods_of, prepared
 from omnilab_studies.common.tables import markdown
-from omnilab_studies.common.timing import Described, Pictures, clocked
+from omnilab_studies.common.timing import timed
 from omnilab_studies.descriptors.cost import figures
+from omnilab_studies.descriptors.cost.timed_signatures import TimedImages, TimedSignatures
 from omnilab_studies.descriptors.figures import pareto
 from omnilab_studies.descriptors.layout import layout_of
 
@@ -79,13 +75,13 @@ class Cost:
 
         # images of places and queries, in every view that is asked for
         plan, grid = parts.sensor.plan(self._queries(rng)), parts.sensor.plan(self._grid())
-        places = Pictures.of(deliver(parts, grid, record, "places"), descriptors, record)
-        queries = Pictures.of(deliver_queries(parts, plan, record, int(rng.integers(2**32))), descriptors, record)
+        places = TimedImages.of(deliver(parts, grid, record, "places"), descriptors, record)
+        queries = TimedImages.of(deliver_queries(parts, plan, record, int(rng.integers(2**32))), descriptors, record)
         record.log("places", PlaceMap(places.position_m))
 
         # every descriptor on its own
         described = {
-            name: Described.by(descriptor, places, queries)
+            name: TimedSignatures.by(descriptor, places, queries)
             for name, descriptor in record.track(descriptors.items(), "describe", len(descriptors), lambda _: 1)
         }
 
@@ -116,11 +112,11 @@ class Cost:
             return RecordedPoses(without=self._grid())
         return RandomPoses(self.query_count, int(rng.integers(2**32)), None, self._grid().extent_m, self.height_m)
 
-    def _row(self, method: Method, described: Described, places: Pictures, queries: Pictures) -> Row:
+    def _row(self, method: Method, described: TimedSignatures, places: TimedImages, queries: TimedImages) -> Row:
         """One method's line of the table; DataError if the distance cannot compare such signatures."""
         method.distance.match(described.queries[slice(1)], prepared(method, described.places))  # the warm-up
-        index, prepare_s = clocked(lambda: method.distance.prepare(described.places))
-        runs = [clocked(lambda: method.distance.match(described.queries, index)) for _ in range(self.repeats)]
+        index, prepare_s = timed(lambda: method.distance.prepare(described.places))
+        runs = [timed(lambda: method.distance.match(described.queries, index)) for _ in range(self.repeats)]
         query_ms = 1e3 * min(seconds for _, seconds in runs) / len(described.queries)
         answer = runs[0][0].distance.argmin(axis=1)
         nearest = verdicts(distances_to(queries.position_m, places.position_m), answer) == "nearest"
@@ -141,7 +137,7 @@ class Cost:
 
 
 def _metrics(
-    rows: Sequence[Row], places: Pictures, queries: Pictures, omitted: Sequence[str], misfits: Sequence[str]
+    rows: Sequence[Row], places: TimedImages, queries: TimedImages, omitted: Sequence[str], misfits: Sequence[str]
 ) -> list[Metric]:
     """Bytes and rates alone: times are not the same twice."""
     found = [
@@ -162,7 +158,7 @@ def _name(row: Row) -> str:
     return str(row["method"]).replace(" + ", "_")
 
 
-def _summary(table: Mapping[str, Sequence[Any]], places: Pictures, queries: Pictures) -> str:
+def _summary(table: Mapping[str, Sequence[Any]], places: TimedImages, queries: TimedImages) -> str:
     title = f"## Cost, {len(places)} places, {len(queries)} queries"
     hidden = {"method", "parameters", "localise_ms"}
     return "\n".join([title, "", markdown({k: column for k, column in table.items() if k not in hidden})])

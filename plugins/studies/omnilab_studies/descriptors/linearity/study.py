@@ -25,8 +25,9 @@ from omnilab.api import (
 )
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses
-from omnilab_studies.common.describing import deliver, show_picture
+from omnilab_studies.common.frames import deliver
 from omnilab_studies.common.grids import check_extent, grid_poses
+from omnilab_studies.common.logs import show_picture
 from omnilab_studies.common.methods import (
     Method,
     describe_all,

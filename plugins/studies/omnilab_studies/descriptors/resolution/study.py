@@ -22,11 +22,12 @@ from omnilab.api import (
 )
 from omnilab.errors import ConfigError, did_you_mean
 from omnilab.metrics import VERDICTS
-from omnilab_studies.common.describing import deliver, show_signature
-from omnilab_studies.common.free_area import check_square, free_square, headed, positions_within
-from omnilab_studies.common.method_runs import Cost, MethodRuns
+from omnilab_studies.common.frames import deliver
+from omnilab_studies.common.free_area import check_square, free_square, poses_with_headings, positions_within
+from omnilab_studies.common.logs import show_signature
+from omnilab_studies.common.method_runs import MethodCost, MethodRuns
 from omnilab_studies.common.methods import Method
-from omnilab_studies.common.scores import Scored, joined
+from omnilab_studies.common.scores import ScoredEstimates, joined_estimates
 from omnilab_studies.descriptors.resolution import figures
 from omnilab_studies.descriptors.resolution.layout import LAYOUT
 
@@ -83,14 +84,22 @@ class Resolution:
 
         # the queries: the same positions with any heading, and with the headings of each angle grid
         at, share = positions_within(grid, self.query_count, rng), rng.random(self.query_count)
-        answered: dict[tuple[str, str], Scored] = {}  # of a method, for a kind of headings
-        answered |= self._ask(parts, runs, list(sizes), headed(at, share), ANY, "queries, any heading", record)
+        answered: dict[tuple[str, str], ScoredEstimates] = {}  # of a method, for a kind of headings
+        answered |= self._ask(
+            parts, runs, list(sizes), poses_with_headings(at, share), ANY, "queries, any heading", record
+        )
         first = next(iter(answered.values()))
         record.log("answers", Answers(first.truth_m, first.answer_m, list(first.verdict)))
         for angles in dict.fromkeys(size[1] for size in self.sizes):
             names = [name for name, size in zip(sizes, self.sizes, strict=True) if size[1] == angles]
             answered |= self._ask(
-                parts, runs, names, headed(at, share, angles), ON_GRID, f"queries, {angles} headings", record
+                parts,
+                runs,
+                names,
+                poses_with_headings(at, share, angles),
+                ON_GRID,
+                f"queries, {angles} headings",
+                record,
             )
 
         # what it amounts to
@@ -126,19 +135,19 @@ class Resolution:
         headings: str,
         stage: str,
         record: Recorder,
-    ) -> dict[tuple[str, str], Scored]:
+    ) -> dict[tuple[str, str], ScoredEstimates]:
         """The answers of some sizes to queries, by method."""
-        found: dict[tuple[str, str], list[Scored]] = {}
+        found: dict[tuple[str, str], list[ScoredEstimates]] = {}
         for frames in deliver(parts, parts.sensor.plan(poses), record, stage):
-            for answered in runs.answers_of(names, frames):
+            for answered in runs.localize_by(names, frames):
                 found.setdefault((answered.method.name, headings), []).append(answered.scored)
                 if headings == ANY and 0 in frames.plan_index:
                     step = names.index(answered.method.descriptor_name)
                     show_signature(record, answered.signatures.place[0], Tick(step, SIZE_NS * step))
-        return {key: joined(batches) for key, batches in found.items()}
+        return {key: joined_estimates(batches) for key, batches in found.items()}
 
     def _rows(
-        self, runs: MethodRuns, distances: Mapping[str, Any], answered: Mapping[tuple[str, str], Scored]
+        self, runs: MethodRuns, distances: Mapping[str, Any], answered: Mapping[tuple[str, str], ScoredEstimates]
     ) -> list[Row]:
         """One row a distance, kind of headings and size."""
         return [
@@ -149,7 +158,7 @@ class Resolution:
             if method.distance is distance
         ]
 
-    def _row(self, method: Method, distance: str, headings: str, cost: Cost, scored: Scored) -> Row:
+    def _row(self, method: Method, distance: str, headings: str, cost: MethodCost, scored: ScoredEstimates) -> Row:
         size = {setting: getattr(method.descriptor, setting) for setting in self.settings}
         told = scored.heading_error_deg
         return {

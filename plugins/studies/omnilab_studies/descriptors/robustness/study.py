@@ -23,13 +23,16 @@ from omnilab.api import (
 )
 from omnilab.errors import ConfigError
 from omnilab.geometry import heading_of
-from omnilab_studies.common import comparison_plots as figures
-from omnilab_studies.common.comparison import Comparison, columns_of, key_of, markdown_of, metrics_of, summary_of
-from omnilab_studies.common.describing import deliver, disturbed, show_picture
 from omnilab_studies.common.disturbance_levels import Level, check_levels, levels_of
-from omnilab_studies.common.free_area import check_square, free_square, headed, positions_within
-from omnilab_studies.common.method_runs import Answered, Cost, MethodRuns
+from omnilab_studies.common.frames import deliver, disturbed
+from omnilab_studies.common.free_area import check_square, free_square, poses_with_headings, positions_within
+from omnilab_studies.common.logs import show_picture
+from omnilab_studies.common.method_runs import MethodCost, MethodEstimates, MethodRuns
+from omnilab_studies.common.methods import key_of
+from omnilab_studies.common.tables import columns_of
+from omnilab_studies.descriptors.robustness import figures
 from omnilab_studies.descriptors.robustness.layout import LAYOUT
+from omnilab_studies.descriptors.robustness.results import Comparison, markdown_of, metrics_of, summary_of
 
 LEVEL_NS = 100_000_000  # between two levels, in the logs
 
@@ -76,7 +79,7 @@ class Robustness:
         places_m = _positions(grid)
         record.log("places", PlaceMap(places_m))
         at = positions_within(grid, self.query_count, rng)
-        plan = parts.sensor.plan(headed(at, rng.random(self.query_count), self.heading_steps))
+        plan = parts.sensor.plan(poses_with_headings(at, rng.random(self.query_count), self.heading_steps))
         seed = int(rng.integers(2**32))
         runs = MethodRuns(parts, grid, record)
 
@@ -87,7 +90,7 @@ class Robustness:
             if first := 0 in frames.plan_index:
                 comparison.pictures.append(frames.images[0])
                 _show_query(record, step, levels[step], frames)
-            for answered in runs.answers(frames):
+            for answered in runs.localize(frames):
                 comparison.take(step, answered)
                 if first:
                     _show_answer(record, step, answered)
@@ -102,7 +105,7 @@ class Robustness:
         tables = {"robustness": columns_of(summary), "levels": comparison.table()}
         return Report(metrics_of(comparison, costs), tables, self._figures(comparison, costs, places_m))
 
-    def _figures(self, comparison: Comparison, costs: Mapping[str, Cost], places_m: Floats) -> dict[str, Any]:
+    def _figures(self, comparison: Comparison, costs: Mapping[str, MethodCost], places_m: Floats) -> dict[str, Any]:
         clear = comparison.at(0)
         areas = {name: comparison.area(name) for name in comparison.names}
         first = next(iter(clear.values()))
@@ -137,7 +140,7 @@ def _show_query(record: Recorder, step: int, level: Level, frames: Frames) -> No
     record.log("log", Text(level.title), tick)
 
 
-def _show_answer(record: Recorder, step: int, answered: Answered) -> None:
+def _show_answer(record: Recorder, step: int, answered: MethodEstimates) -> None:
     """Where a method takes the first query to be."""
     scored = answered.scored
     heading = float(scored.answer_heading_rad[0])

@@ -27,14 +27,15 @@ from omnilab.api import (
 )
 from omnilab.errors import ConfigError
 from omnilab.metrics import VERDICTS, bootstrap
-from omnilab_studies.common.comparison import columns_of, key_of
-from omnilab_studies.common.describing import deliver_queries, show_picture
+from omnilab_studies.common.frames import deliver_queries
 from omnilab_studies.common.grids import check_extent, check_step_or_every, grid_poses
 from omnilab_studies.common.localization_run import estimate_of
+from omnilab_studies.common.logs import show_picture
 from omnilab_studies.common.method_runs import MethodRuns
+from omnilab_studies.common.methods import key_of
 from omnilab_studies.common.pose_sources import Source, changed
-from omnilab_studies.common.scores import Scored, joined, known_poses
-from omnilab_studies.common.tables import markdown
+from omnilab_studies.common.scores import ScoredEstimates, joined_estimates, known_poses
+from omnilab_studies.common.tables import columns_of, markdown
 from omnilab_studies.localization.changes import figures
 from omnilab_studies.localization.changes.layout import LAYOUT
 
@@ -87,7 +88,7 @@ class Changes:
         runs = MethodRuns(parts, grid, record)
         record.log("places", PlaceMap(known_poses(grid.T_world_camera, "places")[:, :3, 3]))
 
-        answers: dict[tuple[str, str], Scored] = {}  # of a method, in a condition
+        answers: dict[tuple[str, str], ScoredEstimates] = {}  # of a method, in a condition
         pictures: dict[str, Bytes] = {}
         omitted = list(grid.omitted)
         for step, (name, sensor) in enumerate(sensors.items()):
@@ -127,9 +128,9 @@ class Changes:
 
     def _ask(
         self, runs: MethodRuns, parts: Parts, sensor: Sensor, plan: Plan, record: Recorder, seed: int, step: int
-    ) -> tuple[dict[str, Scored], Bytes, list[str]]:
+    ) -> tuple[dict[str, ScoredEstimates], Bytes, list[str]]:
         """The answers of every method to the queries of one condition, its first picture, and what was left out."""
-        found: dict[str, list[Scored]] = {c.name: [] for c in runs.methods}
+        found: dict[str, list[ScoredEstimates]] = {c.name: [] for c in runs.methods}
         pictures: list[Bytes] = []
         omitted = list(plan.omitted)
         for frames in deliver_queries(replace(parts, sensor=sensor), plan, record, seed):
@@ -137,14 +138,14 @@ class Changes:
             if not pictures and len(frames):
                 pictures.append(frames.images[0])
                 show_picture(record, frames, 0, Tick(step, CONDITION_NS * step))
-            for answered in runs.answers(frames):
+            for answered in runs.localize(frames):
                 found[answered.method.name].append(answered.scored)
-        asked = {name: joined(batches) for name, batches in found.items()}
+        asked = {name: joined_estimates(batches) for name, batches in found.items()}
         _show_answers(record, asked, step)
         return asked, pictures[0], omitted
 
 
-def _row(method: str, condition: str, scored: Scored, rng: np.random.Generator) -> dict[str, Any]:
+def _row(method: str, condition: str, scored: ScoredEstimates, rng: np.random.Generator) -> dict[str, Any]:
     """One method in one condition."""
     nearest = scored.verdict == "nearest"
     known = nearest | (scored.verdict == "second")
@@ -171,7 +172,7 @@ def _short(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return [{name: row[name] for name in kept} for row in rows]
 
 
-def _show_answers(record: Recorder, asked: Mapping[str, Scored], step: int) -> None:
+def _show_answers(record: Recorder, asked: Mapping[str, ScoredEstimates], step: int) -> None:
     """Where the first method takes the queries of a condition to be, and each method the first of them."""
     tick = Tick(step, CONDITION_NS * step)
     first = next(iter(asked.values()))

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from omnilab.api import Distance, Floats, Ints, Localizer, Match, Places, Signatures
-from omnilab_studies.common.timing import clocked
+from omnilab_studies.common.timing import timed
 
 
 @dataclass
-class Counted:
+class CountingDistance:
     """A distance that counts the pairs it compares."""
 
     distance: Distance
@@ -32,7 +32,7 @@ class Counted:
 
 
 @dataclass(frozen=True)
-class Searched:
+class SearchCost:
     """What a localizer answered to Q queries, one at a time, and what that took."""
 
     place: Ints  # (Q,)
@@ -43,15 +43,15 @@ class Searched:
     compared: float  # signatures that a query is compared with, on average
 
     @classmethod
-    def by(cls, localizer: Localizer, distance: Distance, places: Places, queries: Signatures) -> Searched:
+    def by(cls, localizer: Localizer, distance: Distance, places: Places, queries: Signatures) -> SearchCost:
         """Prepare the map, ask once to warm up, then every query by itself, as a robot would."""
         distance.match(queries[:1], distance.prepare(places.signatures[:2]))  # imports and compiles
-        counted = Counted(distance)
-        index, prepare_s = clocked(lambda: localizer.prepare(places, counted))
+        counted = CountingDistance(distance)
+        index, prepare_s = timed(lambda: localizer.prepare(places, counted))
         localizer.locate(queries[:1], index)
         counted.pairs = 0
         each = [queries[q : q + 1] for q in range(len(queries))]
-        answers = [clocked(partial(localizer.locate, query, index)) for query in each]
+        answers = [timed(partial(localizer.locate, query, index)) for query in each]
         return cls(
             np.concatenate([found.place for found, _ in answers]),
             np.concatenate([found.position_m for found, _ in answers]),
@@ -61,11 +61,11 @@ class Searched:
             counted.pairs / len(queries),
         )
 
-    def same(self, other: Searched) -> float:
+    def same(self, other: SearchCost) -> float:
         """The share of queries that both answer with the same place."""
         return float(np.mean(self.place == other.place))
 
-    def within(self, other: Searched, limit_m: float) -> float:
+    def within(self, other: SearchCost, limit_m: float) -> float:
         """The share of queries whose two answers lie within a limit."""
         return _share_within(self.position_m, other.position_m, limit_m)
 

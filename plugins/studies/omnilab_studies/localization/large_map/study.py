@@ -28,14 +28,16 @@ from omnilab.api import (
     Tick,
 )
 from omnilab.errors import ConfigError
-from omnilab_studies.common.describing import deliver_queries, describe, describe_places, fitted, show_frame
+from omnilab_studies.common.describing import describe, describe_places, fitted
+from omnilab_studies.common.frames import deliver_queries
 from omnilab_studies.common.grids import check_step
+from omnilab_studies.common.logs import show_frame
 from omnilab_studies.common.methods import joined_signatures
 from omnilab_studies.common.scores import known_poses
 from omnilab_studies.common.tables import markdown
 from omnilab_studies.localization.large_map.figures import scaling
 from omnilab_studies.localization.large_map.layout import LAYOUT
-from omnilab_studies.localization.large_map.search_cost import Searched, exponent
+from omnilab_studies.localization.large_map.search_cost import SearchCost, exponent
 from omnilab_studies.localization.large_map.side_by_side import SideBySide, in_worlds
 
 EXHAUSTIVE = "exhaustive"
@@ -111,10 +113,10 @@ class LargeMap:
         queries, truth_m = _queries(parts, asked, record, tick, seed)
 
         rows: list[Row] = []
-        exact: Searched | None = None
+        exact: SearchCost | None = None
         for name, localizer in {EXHAUSTIVE: parts.localizer, **parts.localizers}.items():
             with record.timed(f"search: {name}", len(queries)):
-                found = Searched.by(localizer, parts.distance, places, queries)
+                found = SearchCost.by(localizer, parts.distance, places, queries)
             exact = exact or found
             rows.append(_row(name, found, exact, places, truth_m, max(self.steps_m)))
             _show(record, rows[-1], found, exact, truth_m, tick)
@@ -148,7 +150,7 @@ def _queries(parts: Parts, plan: Plan, record: Recorder, tick: Tick, seed: int) 
     return joined_signatures(signatures), np.concatenate(truth_m)
 
 
-def _row(name: str, found: Searched, exact: Searched, places: Places, truth_m: Floats, coarse_m: float) -> Row:
+def _row(name: str, found: SearchCost, exact: SearchCost, places: Places, truth_m: Floats, coarse_m: float) -> Row:
     return {
         "places": len(places),
         "localizer": name,
@@ -171,7 +173,7 @@ def _peak_mb() -> float:
     return peak / 1e6 if sys.platform == "darwin" else peak * 1024 / 1e6
 
 
-def _show(record: Recorder, row: Row, found: Searched, exact: Searched, truth_m: Floats, tick: Tick) -> None:
+def _show(record: Recorder, row: Row, found: SearchCost, exact: SearchCost, truth_m: Floats, tick: Tick) -> None:
     """The answers, and one point of each curve."""
     at = np.array([tick.step]), np.array([tick.stamp_ns])
     name = row["localizer"]

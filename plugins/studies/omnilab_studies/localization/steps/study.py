@@ -12,13 +12,14 @@ from omnilab.api import Answers, Metric, Parts, PlaceMap, RandomPoses, Recorder,
 from omnilab.errors import ConfigError
 from omnilab.geometry import heading_of
 from omnilab.metrics import VERDICTS, bootstrap
-from omnilab_studies.common.comparison import columns_of, key_of
-from omnilab_studies.common.describing import deliver, show_picture
-from omnilab_studies.common.free_area import headed
+from omnilab_studies.common.frames import deliver
+from omnilab_studies.common.free_area import poses_with_headings
 from omnilab_studies.common.grids import check_extent, check_step, grid_poses
-from omnilab_studies.common.method_runs import Cost, MethodRuns
-from omnilab_studies.common.scores import Scored, joined, known_poses
-from omnilab_studies.common.tables import markdown
+from omnilab_studies.common.logs import show_picture
+from omnilab_studies.common.method_runs import MethodCost, MethodRuns
+from omnilab_studies.common.methods import key_of
+from omnilab_studies.common.scores import ScoredEstimates, joined_estimates, known_poses
+from omnilab_studies.common.tables import columns_of, markdown
 from omnilab_studies.localization.steps import figures
 from omnilab_studies.localization.steps.layout import LAYOUT
 
@@ -67,10 +68,12 @@ class Steps:
         truth = known_poses(free.T_world_camera, "queries")
         turns = {ANY: None, ON_GRID: self.heading_steps}
         share = np.mod(heading_of(truth) / (2 * np.pi), 1)
-        plans = {kind: parts.sensor.plan(headed(truth[:, :3, 3], share, steps)) for kind, steps in turns.items()}
+        plans = {
+            kind: parts.sensor.plan(poses_with_headings(truth[:, :3, 3], share, steps)) for kind, steps in turns.items()
+        }
 
-        answers: dict[Key, Scored] = {}
-        costs: dict[tuple[float, str], Cost] = {}
+        answers: dict[Key, ScoredEstimates] = {}
+        costs: dict[tuple[float, str], MethodCost] = {}
         places: dict[float, int] = {}
         omitted = list(free.omitted)
         for number, step_m in enumerate(self.steps_m):
@@ -81,11 +84,11 @@ class Steps:
             tick = Tick(number, STEP_NS * number)
             record.log("places", PlaceMap(known_poses(grid.T_world_camera, "places")[:, :3, 3]), tick)
             for kind, plan in plans.items():
-                batches: dict[str, list[Scored]] = {c.name: [] for c in runs.methods}
+                batches: dict[str, list[ScoredEstimates]] = {c.name: [] for c in runs.methods}
                 for frames in deliver(parts, plan, record, f"{step_m:g} m, {kind} headings"):
-                    for answered in runs.answers(frames):
+                    for answered in runs.localize(frames):
                         batches[answered.method.name].append(answered.scored)
-                answers |= {(step_m, name, kind): joined(scored) for name, scored in batches.items()}
+                answers |= {(step_m, name, kind): joined_estimates(scored) for name, scored in batches.items()}
             costs |= {(step_m, c.name): runs.cost(c) for c in runs.methods}
             show_picture(record, frames, 0, tick)
             shown = answers[step_m, runs.methods[0].name, ANY]
@@ -102,7 +105,7 @@ class Steps:
         return Report(_metrics(rows), {"steps": columns_of(rows), "times": columns_of(times)}, drawn)
 
 
-def _row(key: Key, scored: Scored, places: int, rng: np.random.Generator) -> dict[str, Any]:
+def _row(key: Key, scored: ScoredEstimates, places: int, rng: np.random.Generator) -> dict[str, Any]:
     step_m, method, headings = key
     nearest = scored.verdict == "nearest"
     low, high = bootstrap(lambda chosen: float(nearest[chosen].mean()), len(nearest), rng)

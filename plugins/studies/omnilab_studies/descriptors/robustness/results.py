@@ -11,8 +11,10 @@ import numpy as np
 from omnilab.api import Bytes, Floats, Metric
 from omnilab.metrics import VERDICTS
 from omnilab_studies.common.disturbance_levels import Level
-from omnilab_studies.common.method_runs import Answered, Cost
-from omnilab_studies.common.scores import Scored, joined
+from omnilab_studies.common.method_runs import MethodCost, MethodEstimates
+from omnilab_studies.common.methods import key_of
+from omnilab_studies.common.scores import ScoredEstimates, joined_estimates
+from omnilab_studies.common.tables import columns_of
 
 BROKEN = 0.5  # of the rate of clear queries
 
@@ -24,17 +26,17 @@ class Comparison:
         self.names, self.levels = names, levels
         self.pictures: list[Bytes] = []  # of the first query, at each level
         self.fields: dict[str, Floats] = {}  # its clear distances to all places
-        self._batches: dict[tuple[str, int], list[Scored]] = {}
+        self._batches: dict[tuple[str, int], list[ScoredEstimates]] = {}
 
-    def take(self, step: int, answered: Answered) -> None:
+    def take(self, step: int, answered: MethodEstimates) -> None:
         name, distances = answered.method.name, answered.estimates.field
         self._batches.setdefault((name, step), []).append(answered.scored)
         if step == 0 and name not in self.fields and distances is not None:
             self.fields[name] = distances[0]
 
-    def at(self, step: int) -> dict[str, Scored]:
+    def at(self, step: int) -> dict[str, ScoredEstimates]:
         """All answers at one level, by method."""
-        return {name: joined(self._batches.get((name, step), [])) for name in self.names}
+        return {name: joined_estimates(self._batches.get((name, step), [])) for name in self.names}
 
     @cached_property
     def rates(self) -> dict[str, Floats]:
@@ -66,7 +68,7 @@ class Comparison:
         return columns_of(rows)
 
 
-def _row(name: str, level: Level, scored: Scored) -> dict[str, Any]:
+def _row(name: str, level: Level, scored: ScoredEstimates) -> dict[str, Any]:
     return {
         "method": name,
         "disturbance": level.disturbance,
@@ -81,16 +83,7 @@ def _row(name: str, level: Level, scored: Scored) -> dict[str, Any]:
     }
 
 
-def key_of(name: str) -> str:
-    """A method's name as a part of others."""
-    return name.replace(" + ", "_")
-
-
-def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
-    return {key: [row[key] for row in rows] for key in rows[0]}
-
-
-def summary_of(comparison: Comparison, costs: Mapping[str, Cost]) -> list[dict[str, Any]]:
+def summary_of(comparison: Comparison, costs: Mapping[str, MethodCost]) -> list[dict[str, Any]]:
     """One row a method."""
     clear = comparison.at(0)
     return [
@@ -110,7 +103,7 @@ def summary_of(comparison: Comparison, costs: Mapping[str, Cost]) -> list[dict[s
     ]
 
 
-def metrics_of(comparison: Comparison, costs: Mapping[str, Cost]) -> list[Metric]:
+def metrics_of(comparison: Comparison, costs: Mapping[str, MethodCost]) -> list[Metric]:
     """Areas first: they are what tables of runs show."""
     found = [Metric(f"{key_of(name)}_area", comparison.area(name), "1") for name in comparison.names]
     for name, scored in comparison.at(0).items():
