@@ -69,7 +69,7 @@ def test_what_is_left_behind(run):
     [
         (["+study.conditions.dim={lamp: 2}"], "changes 'lamp', which is no setting of the sensor"),
         (["+study.conditions.dim={variant: nobody}"], "nobody"),
-        (["study.queries=path"], "is not asked here; give random or recorded"),
+        (["study.queries=path"], "is not possible here; give random or recorded"),
         (["study.query_count=0"], "asks nothing"),
     ],
 )

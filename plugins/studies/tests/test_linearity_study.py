@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omnilab.api import Parts, PathPoses, Series, Text
+from omnilab.api import Parts, PathPoses, Series
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of
 from omnilab.runner.recorder import Recorder
@@ -134,17 +134,15 @@ def curve_of(x):
     return Curve(x, x**2, np.zeros(5))
 
 
-def test_what_does_not_fit_together_is_left_out_and_said(parts, plain):
+def test_what_does_not_fit_together_is_left_out_with_reasons(parts, plain):
     parts.descriptors["shifting"] = plain["Shifting"]()
     parts.distances.update(turning=plain["Turning"](), picky=plain["Picky"]())
-    record = Kept()
-    report = run(parts, record)
+    report = run(parts)
     names = list(zip(report.tables["linearity"]["descriptor"], report.tables["linearity"]["distance"], strict=True))
     assert [name for name in names if name[1] == "turning"] == [("shifting", "turning")]
     assert not [name for name in names if name[1] == "picky"]
-    said = [r.text for r in record.of(Text) if r.text.startswith("left out")]
-    assert sum("looks for turns" in sentence for sentence in said) == 2
-    assert sum("no two axes" in sentence for sentence in said) == 3
+    assert sum("looks for turns" in sentence for sentence in report.omitted) == 2
+    assert sum("no two axes" in sentence for sentence in report.omitted) == 3
     assert {m.name: m.value for m in report.metrics}["misfits"] == 5
 
 

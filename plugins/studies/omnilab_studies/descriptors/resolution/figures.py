@@ -1,4 +1,4 @@
-"""Figures of sizes against success and time."""
+"""Figures of the study `resolution`."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _styles(curves: Curves) -> dict[tuple[str, str], dict[str, Any]]:
 
 
 def resolution(curves: Curves) -> Figure:
-    """Rates of nearest answers and times of one query, size by size (thesis, figure 4.22)."""
+    """Rates of nearest estimates and times of one query, size by size (thesis, figure 4.22)."""
     figure = blank_figure(11.5, 4.6)
     left, right = figure.subplots(1, 2)
     styles = _styles(curves)

@@ -1,4 +1,4 @@
-"""Figures that compare methods."""
+"""Figures of the study `robustness`: rates over the levels, sharpness, distance surfaces, cost against accuracy."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def pictures(shown: Sequence[Bytes], levels: Sequence[Level]) -> Figure:
 
 
 def rates(found: Mapping[str, Floats], levels: Sequence[Level], queries: int) -> Figure:
-    """The rate of nearest answers against each disturbance (thesis, figure 4.23)."""
+    """The rate of nearest estimates against each disturbance (thesis, figure 4.23)."""
     rows = _by_disturbance(levels)
     columns = min(3, len(rows) + 1)
     lines = -(-(len(rows) + 1) // columns)
@@ -59,7 +59,7 @@ def rates(found: Mapping[str, Floats], levels: Sequence[Level], queries: int) ->
 
 
 def sharpness(found: Mapping[str, Floats]) -> Figure:
-    """C of every clear query (Q,), by method: a dot each, and the mean (thesis, eq. 4.6)."""
+    """Sharpness C of every clear query (Q,), by method: a dot each, and the mean (thesis, eq. 4.6)."""
     figure = blank_figure(6.4, 1.1 + 0.55 * len(found))
     axes = figure.subplots()
     style = style_of(list(found))
@@ -76,7 +76,7 @@ def sharpness(found: Mapping[str, Floats]) -> Figure:
 
 
 def surfaces(places_m: Floats, fields: Mapping[str, Floats], truth_m: Floats) -> Figure:
-    """The distances of the first clear query to all places, each method on its own scale (thesis, figure 4.24)."""
+    """Distance surfaces of the first clear query, each method on its own scale (thesis, figure 4.24)."""
     columns = min(len(fields), 5)
     rows = -(-len(fields) // columns)
     figure = blank_figure(2.6 * columns, 2.9 * rows)
@@ -94,7 +94,7 @@ def surfaces(places_m: Floats, fields: Mapping[str, Floats], truth_m: Floats) ->
 
 
 def pareto(costs: Mapping[str, MethodCost], accuracy: Mapping[str, float], title: str) -> Figure:
-    """Cost against accuracy: bytes of a place, and time of a query. The line joins those that no other beats in both."""
+    """Cost against accuracy: bytes of a place, and time of a query; the line joins the Pareto front."""
     figure = blank_figure(9.6, 4.2)
     left, right = figure.subplots(1, 2, sharey=True)
     _front(left, {name: cost.bytes_per_place / 1024 for name, cost in costs.items()}, accuracy)

@@ -1,4 +1,4 @@
-"""What methods answered at every level, and what it amounts to."""
+"""Results of the study `robustness`: estimates of every method at every level, rates, areas, breakdown points."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ BROKEN = 0.5  # of the rate of clear queries
 
 
 class Comparison:
-    """The answers of every method at every level."""
+    """The scored estimates of every method at every level."""
 
     def __init__(self, names: Sequence[str], levels: Sequence[Level]) -> None:
         self.names, self.levels = names, levels
@@ -28,24 +28,25 @@ class Comparison:
         self.fields: dict[str, Floats] = {}  # its clear distances to all places
         self._batches: dict[tuple[str, int], list[ScoredEstimates]] = {}
 
-    def take(self, step: int, answered: MethodEstimates) -> None:
-        name, distances = answered.method.name, answered.estimates.field
-        self._batches.setdefault((name, step), []).append(answered.scored)
+    def add(self, step: int, found: MethodEstimates) -> None:
+        """Add the estimates of one method for a batch of queries at one level."""
+        name, distances = found.method.name, found.estimates.field
+        self._batches.setdefault((name, step), []).append(found.scored)
         if step == 0 and name not in self.fields and distances is not None:
             self.fields[name] = distances[0]
 
     def at(self, step: int) -> dict[str, ScoredEstimates]:
-        """All answers at one level, by method."""
+        """All estimates at one level, by method."""
         return {name: joined_estimates(self._batches.get((name, step), [])) for name in self.names}
 
     @cached_property
     def rates(self) -> dict[str, Floats]:
-        """Rates of nearest answers (levels,) of each method."""
+        """Rates of nearest estimates (levels,) of each method."""
         steps = [self.at(step) for step in range(len(self.levels))]
         return {name: np.array([float(np.mean(s[name].verdict == "nearest")) for s in steps]) for name in self.names}
 
     def area(self, name: str, disturbance: str | None = None) -> float:
-        """Mean rate of nearest answers over a disturbance's levels, or the mean of that over all disturbances."""
+        """Mean rate of nearest estimates over a disturbance's levels, or the mean of that over all disturbances."""
         disturbances = self.disturbances if disturbance is None else [disturbance]
         return float(np.mean([self.rates[name][self.steps_of(d)].mean() for d in disturbances]))
 
@@ -57,13 +58,15 @@ class Comparison:
 
     @property
     def disturbances(self) -> list[str]:
+        """The names of the disturbances."""
         return list(dict.fromkeys(level.disturbance for level in self.levels[1:]))
 
     def steps_of(self, disturbance: str) -> list[int]:
+        """The indices of a disturbance's levels."""
         return [i for i, level in enumerate(self.levels) if level.disturbance == disturbance]
 
     def table(self) -> dict[str, list[Any]]:
-        """One row a method and level."""
+        """The table `levels`: one row a method and level."""
         rows = [_row(name, level, self.at(i)[name]) for i, level in enumerate(self.levels) for name in self.names]
         return columns_of(rows)
 
@@ -84,7 +87,7 @@ def _row(name: str, level: Level, scored: ScoredEstimates) -> dict[str, Any]:
 
 
 def summary_of(comparison: Comparison, costs: Mapping[str, MethodCost]) -> list[dict[str, Any]]:
-    """One row a method."""
+    """The table `robustness`: one row a method, with the sharpness C of clear queries (thesis, eq. 4.6)."""
     clear = comparison.at(0)
     return [
         {
@@ -104,7 +107,7 @@ def summary_of(comparison: Comparison, costs: Mapping[str, MethodCost]) -> list[
 
 
 def metrics_of(comparison: Comparison, costs: Mapping[str, MethodCost]) -> list[Metric]:
-    """Areas first: they are what tables of runs show."""
+    """The metrics, areas first: tables of runs show these."""
     found = [Metric(f"{key_of(name)}_area", comparison.area(name), "1") for name in comparison.names]
     for name, scored in comparison.at(0).items():
         key = key_of(name)
@@ -120,7 +123,7 @@ def metrics_of(comparison: Comparison, costs: Mapping[str, MethodCost]) -> list[
 
 
 def markdown_of(summary: Sequence[Mapping[str, Any]], levels: Sequence[Level], rates: Mapping[str, Floats]) -> str:
-    """Rates of every level, and the rest of what was found."""
+    """The summary: rates at every level, and the rest of the table `robustness`."""
     names = [str(row["method"]) for row in summary]
     lines = ["## Robustness", "", f"| nearest | {' | '.join(names)} |", "|---" * (len(names) + 1) + "|"]
     for i, level in enumerate(levels):
