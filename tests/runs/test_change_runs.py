@@ -33,7 +33,7 @@ def run(omnilab_in, here):
     return (here / "logs" / "latest").resolve()
 
 
-def test_a_row_for_every_contestant_in_every_condition(run):
+def test_a_row_for_every_method_in_every_condition(run):
     rows = load_run(run).table("changes")
     assert [(row["method"], row["condition"]) for row in rows] == [
         (name, condition) for condition in ("unchanged", "raised", "same") for name in ("radon", "fourier_signature")
@@ -73,7 +73,7 @@ def test_what_is_left_behind(run):
         (["study.query_count=0"], "asks nothing"),
     ],
 )
-def test_what_cannot_be_asked(omnilab_here, arguments, told):
+def test_settings_that_make_no_queries(omnilab_here, arguments, told):
     conditions = OFF if "+" in arguments[0] else OFF[1:]
     result = omnilab_here(*SMALL, *RADON, *conditions, *arguments)
     assert result.rc == 2

@@ -85,7 +85,7 @@ def test_a_line_that_misses_a_node_is_left_out():
         lines_on_grid(position_m, 0.1, 0.3, 1, np.random.default_rng(0))
 
 
-def test_no_more_references_than_asked_for():
+def test_no_more_references_than_requested():
     lines = lines_on_grid(grid_of(9, 9), 0.1, 0.3, 5, np.random.default_rng(0))
     assert len(np.unique(lines[:, 0])) == 5
 
@@ -162,7 +162,7 @@ def test_lines_with_an_image_that_cannot_be_read_are_left_out(parts):
     assert torn.tables["linearity"]["slope_per_m"][0] == pytest.approx(60)
 
 
-def test_random_headings_are_asked_for(parts):
+def test_random_headings_are_requested(parts):
     run(parts, random_headings=True)
     (turned,) = [layout for layout in parts.sensor.asked if isinstance(layout, PathPoses)]
     assert np.std(heading_of(turned.T_world_camera)) > 1

@@ -79,6 +79,6 @@ def describe_places(parts: Parts, plan: Plan, record: Recorder, stage: str = "pl
 
 
 def _empty(like: Signatures, count: int) -> Signatures:
-    """Room for all places at once, so that a large map is never held twice."""
+    """Memory for all places at once, so that a large map is never there twice."""
     heading = None if like.heading is None else np.empty((count, *like.heading.shape[1:]), like.heading.dtype)
     return Signatures(np.empty((count, *like.place.shape[1:]), like.place.dtype), heading)

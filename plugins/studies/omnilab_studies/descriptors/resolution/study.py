@@ -32,7 +32,7 @@ from omnilab_studies.common.tables import columns_of
 from omnilab_studies.descriptors.resolution import figures
 from omnilab_studies.descriptors.resolution.layout import LAYOUT
 
-ANY, ON_GRID = "any", "on_grid"  # headings
+ANY, ON_GRID = "any", "on_grid"  # kinds of headings
 POINT = 0.01  # of the rate: so much less than the largest size counts as the same
 SIZE_NS = 100_000_000  # between two sizes, in the logs
 THESIS = [[709, 360], [355, 180], [173, 180], [173, 90], [173, 45], [87, 90], [87, 45], [43, 45], [22, 6]]

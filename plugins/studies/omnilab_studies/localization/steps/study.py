@@ -24,7 +24,7 @@ from omnilab_studies.common.tables import columns_of, markdown
 from omnilab_studies.localization.steps import figures
 from omnilab_studies.localization.steps.layout import LAYOUT
 
-ANY, ON_GRID = "any", "on_grid"  # headings
+ANY, ON_GRID = "any", "on_grid"  # kinds of headings
 STEP_NS = 100_000_000  # between two steps, in the logs
 
 
