@@ -32,9 +32,11 @@ class DataSet:
     setting: str = "study.folder"  # that names it
 
     def image(self, n: int) -> Path:
+        """The image file of frame n."""
         return self.folder / "images" / f"{n:06d}.png"
 
     def depth(self, n: int) -> Path:
+        """The depth file of frame n."""
         return self.folder / "depth" / f"{n:06d}.npy"
 
     def has(self, n: int) -> bool:

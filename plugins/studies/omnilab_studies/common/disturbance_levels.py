@@ -20,6 +20,7 @@ class Level(NamedTuple):
 
     @property
     def title(self) -> str:
+        """The disturbance and its value, for figures and logs."""
         return f"{self.disturbance} {self.value:g}" if isinstance(self.value, float | int) else self.disturbance
 
 

@@ -35,14 +35,17 @@ class ScoredEstimates:
 
     @property
     def truth_m(self) -> Floats:
+        """True positions (Q, 3)."""
         return self.truth[:, :3, 3]
 
     @property
     def error_m(self) -> Floats:
+        """Position errors (Q,)."""
         return np.asarray(np.linalg.norm(self.answer_m - self.truth_m, axis=1))
 
     @property
     def heading_error_deg(self) -> Floats:
+        """Heading errors (Q,) in [0, 180] degrees."""
         return np.rad2deg(heading_error(heading_of(self.truth), self.answer_heading_rad))
 
     @property
@@ -52,6 +55,7 @@ class ScoredEstimates:
 
     @property
     def has_headings(self) -> bool:
+        """Whether the localizer gave all headings."""
         return bool(np.isfinite(self.answer_heading_rad).all())
 
 
