@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from omnilab.api import Estimates, Floats, Frames, Ints
+from omnilab.api import Bools, Estimates, Floats, Frames, Ints
 from omnilab.errors import DataError
 from omnilab.geometry import heading_of
 from omnilab.metrics import TIE_M, distances_to, first_ranks, heading_error, ranks, sharpness, verdicts
@@ -28,8 +28,8 @@ class ScoredEstimates:
     distance: Floats  # (Q,) to the estimated place
     verdict: npt.NDArray[np.str_]  # (Q,)
     rank: Ints  # (Q,) of the truly nearest place, from 1
-    known: npt.NDArray[np.bool_]  # (Q,) whether a place of the map is within the radius: the query has a true place
-    correct: npt.NDArray[np.bool_]  # (Q,) whether the estimated place is one of those
+    known: Bools  # (Q,) whether a place of the map is within the radius: the query has a true place
+    correct: Bools  # (Q,) whether the estimated place is one of those
     true_rank: Ints  # (Q,) of the first place within it
     sharpness: Floats  # (Q,) C of the distances to all places (thesis, eq. 4.6)
 
