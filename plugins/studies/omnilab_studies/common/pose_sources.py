@@ -52,7 +52,7 @@ def query_poses(
 
 
 def plan_of_trajectory(sensor: Sensor, source: Source, path: str, height_m: float | None) -> Plan:
-    """The poses of a trajectory, in order: all that was recorded, a file of poses, or a path that the world knows by name."""
+    """The poses of a trajectory, in order: a whole recording, a file of poses, or a path that the world knows by name."""
     if source is Source.recorded:
         return sensor.plan(RecordedPoses())
     if Path(path).suffix:
@@ -61,7 +61,7 @@ def plan_of_trajectory(sensor: Sensor, source: Source, path: str, height_m: floa
 
 
 def changed(sensor: Sensor, where: str, settings: Mapping[str, Any]) -> Sensor:
-    """A sensor with some of its settings changed; ConfigError, naming the place `where` they are set, for settings it does not have."""
+    """A sensor with some of its settings changed; ConfigError, naming `where` they are set, for those it does not have."""
     known = [f.name for f in fields(sensor)]  # type: ignore[arg-type]
     for name in settings:
         if name not in known:
