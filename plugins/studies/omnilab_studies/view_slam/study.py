@@ -31,7 +31,7 @@ from omnilab.posegraph.graph import matrices, moved, vectors
 from omnilab.trajectory.evaluation import path_length, rms
 from omnilab.trajectory.files import tum_text
 from omnilab_studies.common.frames import deliver_queries
-from omnilab_studies.common.match_images import draw_match_pair
+from omnilab_studies.common.match_images import draw_image_pair
 from omnilab_studies.common.pose_sources import Source, plan_of_trajectory
 from omnilab_studies.common.samples import evenly
 from omnilab_studies.common.tables import markdown_table
@@ -252,10 +252,10 @@ class _Way:
         now = panorama(frame.images, frame.camera)[0]
         best = max(found.compared, key=lambda view: agreeing(found.compared[view]), default=None)
         if best is None:
-            self._record.log("query/panorama", Image(draw_match_pair(now, None, None)), tick)
+            self._record.log("query/panorama", Image(draw_image_pair(now, None, None)), tick)
         else:
             kept = self._panoramas[mapper.images[best]]
-            self._record.log("query/panorama", Image(draw_match_pair(now, kept, found.compared[best])), tick)
+            self._record.log("query/panorama", Image(draw_image_pair(now, kept, found.compared[best])), tick)
 
 
 # -------------------------------------------------------------------------------------------------------------- results

@@ -44,7 +44,7 @@ class Localize:
 
     Where the sensor knows the poses of the queries the estimates are scored; queries far from every place count as
     having no true place. Queries of a recording without positions are localised and not scored. Localizers of sequences
-    (`localizer=filter`) get the motion between queries where `odometry_noise` is given: the true motion with noise.
+    (`localizer=bayes_filter`) get the motion between queries where `odometry_noise` is given: the true motion with noise.
     """
 
     queries: Source = Source.random  # random, path or recorded
