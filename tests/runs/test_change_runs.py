@@ -33,7 +33,7 @@ def run(omnilab_in, here):
     return (here / "logs" / "latest").resolve()
 
 
-def test_a_row_for_every_contestant_in_every_condition(run):
+def test_a_row_for_every_method_in_every_condition(run):
     rows = load_run(run).table("changes")
     assert [(row["method"], row["condition"]) for row in rows] == [
         (name, condition) for condition in ("unchanged", "raised", "same") for name in ("radon", "fourier_signature")
@@ -69,11 +69,11 @@ def test_what_is_left_behind(run):
     [
         (["+study.conditions.dim={lamp: 2}"], "changes 'lamp', which is no setting of the sensor"),
         (["+study.conditions.dim={variant: nobody}"], "nobody"),
-        (["study.queries=path"], "is not asked here; give random or recorded"),
+        (["study.queries=path"], "is not possible here; give random or recorded"),
         (["study.query_count=0"], "asks nothing"),
     ],
 )
-def test_what_cannot_be_asked(omnilab_here, arguments, told):
+def test_settings_that_make_no_queries(omnilab_here, arguments, told):
     conditions = OFF if "+" in arguments[0] else OFF[1:]
     result = omnilab_here(*SMALL, *RADON, *conditions, *arguments)
     assert result.rc == 2

@@ -183,7 +183,7 @@ def test_tilting_an_image_is_tilting_the_camera():
 
 
 def test_one_disturbance_does_not_change_what_another_draws():
-    from omnilab_studies.common.describing import disturbed
+    from omnilab_studies.common.frames import disturbed
 
     mirror = Mirror(str(WORLD), size=64, samples=1)
     (frames,) = mirror.frames(mirror.plan(RandomPoses(3, seed=1)))

@@ -33,7 +33,7 @@ def run(omnilab_in, tmp_path_factory):
     return (here / "logs" / "latest").resolve()
 
 
-def test_a_row_for_every_step_contestant_and_kind_of_headings(run):
+def test_a_row_for_every_step_method_and_kind_of_headings(run):
     rows = load_run(run).table("steps")
     assert [(row["step_m"], row["headings"], row["method"]) for row in rows] == [
         (step, headings, name)
@@ -44,7 +44,7 @@ def test_a_row_for_every_step_contestant_and_kind_of_headings(run):
     assert all(sum(float(row[f"{v}_rate"]) for v in ("nearest", "second", "wrong")) == pytest.approx(1) for row in rows)
 
 
-def test_each_contestant_has_the_distance_of_its_name(run):
+def test_each_method_has_the_distance_of_its_name(run):
     """Beside their names they are the same descriptor: what differs is the distance."""
     rows = {(row["method"], row["step_m"], row["headings"]): row for row in load_run(run).table("steps")}
     errors = [

@@ -16,7 +16,7 @@ from omnilab_studies.localization.changes.study import Changes
 from omnilab_studies.localization.grid.study import Grid
 from omnilab_studies.localization.large_map.study import LargeMap
 from omnilab_studies.localization.localize.study import Localize
-from omnilab_studies.localization.map.study import MakeMap
+from omnilab_studies.localization.map.study import MapStudy
 from omnilab_studies.localization.steps.study import Steps
 from omnilab_studies.pose_graph.study import PoseGraphStudy
 from omnilab_studies.trajectory.study import Trajectory
@@ -34,7 +34,7 @@ __all__ = [
     "Linearity",
     "LocalMap",
     "Localize",
-    "MakeMap",
+    "MapStudy",
     "PoseGraphStudy",
     "Render",
     "Resolution",
@@ -53,7 +53,7 @@ __all__ = [
 @hookimpl
 def register_studies(register: Register) -> None:
     register("grid", Grid)
-    register("map", MakeMap)
+    register("map", MapStudy)
     register("localize", Localize)
     register("steps", Steps)
     register("changes", Changes)

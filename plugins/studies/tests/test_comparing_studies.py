@@ -188,7 +188,7 @@ def test_rates_areas_and_breakdowns_are_those_that_geometry_gives():
     assert set(report.figures) == {"pictures", "rates", "sharpness", "surfaces", "pareto"}
 
 
-def test_every_level_is_asked_with_the_same_queries_and_shown():
+def test_every_level_has_the_same_queries_and_is_shown():
     log = Log()
     report = PUSHED.run(parts_of(), log, np.random.default_rng(3))
     shown = [(record, tick.step) for path, record, tick in log.logged if path == "estimate/read"]
@@ -200,7 +200,7 @@ def test_every_level_is_asked_with_the_same_queries_and_shown():
     assert not any(isinstance(record, DistanceField) for _, record, _ in log.logged)
 
 
-def test_levels_of_a_disturbance_that_is_not_there_are_said_to_be_unused():
+def test_levels_of_a_disturbance_that_is_not_there_are_reported_as_unused():
     log = Log()
     study = Robustness(**SQUARE, query_count=5, levels={"blur": {"sigma": [1]}})
     study.run(parts_of(), log, np.random.default_rng(0))
@@ -260,7 +260,7 @@ def test_resolution_by_hand():
     assert found["heading_error_median_64x8_distance_any"] == pytest.approx(45 / 4, abs=1.5)
 
 
-def test_resolution_asks_all_sizes_at_the_same_positions():
+def test_all_sizes_have_queries_at_the_same_positions():
     sizes = [[256, 8], [256, 4]]
     study = Resolution(**SQUARE, query_count=300, settings=["parts", "angles"], sizes=sizes)
     found = values(study.run(parts_of(), Recorder(), np.random.default_rng(5)))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omnilab.api import Parts, PathPoses, Series, Text
+from omnilab.api import Parts, PathPoses, Series
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of
 from omnilab.runner.recorder import Recorder
@@ -85,7 +85,7 @@ def test_a_line_that_misses_a_node_is_left_out():
         lines_on_grid(position_m, 0.1, 0.3, 1, np.random.default_rng(0))
 
 
-def test_no_more_references_than_asked_for():
+def test_no_more_references_than_requested():
     lines = lines_on_grid(grid_of(9, 9), 0.1, 0.3, 5, np.random.default_rng(0))
     assert len(np.unique(lines[:, 0])) == 5
 
@@ -134,17 +134,15 @@ def curve_of(x):
     return Curve(x, x**2, np.zeros(5))
 
 
-def test_what_does_not_fit_together_is_left_out_and_said(parts, plain):
+def test_what_does_not_fit_together_is_left_out_with_reasons(parts, plain):
     parts.descriptors["shifting"] = plain["Shifting"]()
     parts.distances.update(turning=plain["Turning"](), picky=plain["Picky"]())
-    record = Kept()
-    report = run(parts, record)
+    report = run(parts)
     names = list(zip(report.tables["linearity"]["descriptor"], report.tables["linearity"]["distance"], strict=True))
     assert [name for name in names if name[1] == "turning"] == [("shifting", "turning")]
     assert not [name for name in names if name[1] == "picky"]
-    said = [r.text for r in record.of(Text) if r.text.startswith("left out")]
-    assert sum("looks for turns" in sentence for sentence in said) == 2
-    assert sum("no two axes" in sentence for sentence in said) == 3
+    assert sum("looks for turns" in sentence for sentence in report.omitted) == 2
+    assert sum("no two axes" in sentence for sentence in report.omitted) == 3
     assert {m.name: m.value for m in report.metrics}["misfits"] == 5
 
 
@@ -164,7 +162,7 @@ def test_lines_with_an_image_that_cannot_be_read_are_left_out(parts):
     assert torn.tables["linearity"]["slope_per_m"][0] == pytest.approx(60)
 
 
-def test_random_headings_are_asked_for(parts):
+def test_random_headings_are_requested(parts):
     run(parts, random_headings=True)
     (turned,) = [layout for layout in parts.sensor.asked if isinstance(layout, PathPoses)]
     assert np.std(heading_of(turned.T_world_camera)) > 1

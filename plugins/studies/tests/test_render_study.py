@@ -21,7 +21,7 @@ from omnilab.testing import check_study
 from omnilab.trajectory.files import read_trajectory
 from omnilab_studies import Render
 from omnilab_studies.common.dataset_files import DataSet
-from omnilab_studies.common.image_columns import column
+from omnilab_studies.common.image_columns import column_poses
 from omnilab_studies.datasets.render.study import Where
 
 CAMERA = EquirectangularCamera(24, 12)
@@ -163,7 +163,7 @@ def test_a_grid_has_cells_and_the_heading_in_the_plane(tmp_path):
 
 @given(st.floats(-1, 1), st.integers(0, 30), st.sampled_from([0.05, 0.1, 0.25]))
 def test_columns_have_both_ends(low, count, step):
-    T = column([[0, 1], [2.5, -3]], [low, low + count * step, step])
+    T = column_poses([[0, 1], [2.5, -3]], [low, low + count * step, step])
     assert len(T) == 2 * (count + 1)
     assert np.allclose(T[: count + 1, :3, 3], [(0, 1, low + i * step) for i in range(count + 1)])
     assert np.allclose(T[count + 1 :, :2, 3], [2.5, -3])

@@ -11,7 +11,7 @@ from omnilab.api import Circle, Frames, Motion, PoseGraph
 from omnilab.cameras import ImageCircle
 from omnilab.geometry import heading_of, planar_poses
 from omnilab.posegraph.graph import between, moved
-from omnilab_studies.common.match_images import drawn
+from omnilab_studies.common.match_images import draw_matches
 from omnilab_studies.trajectory.scale_estimation import optimize
 from omnilab_studies.trajectory.study import jittered
 
@@ -61,7 +61,7 @@ def test_matches_are_drawn_from_where_a_mere_turn_would_leave_them():
     turn = 0.3
     stays = np.array([[[1.0, 0.5], [1.0 - turn, 0.5]], [[2.0, 0.5], [2.2 - turn, 0.5]]])
     motion = Motion(np.array([1, 0, turn]), np.eye(3), "m", "", stays, np.array([True, False]))
-    picture = drawn(black, motion)
+    picture = draw_matches(black, motion)
     red, green = (picture[:, :, channel].astype(int) for channel in (0, 1))
     good, bad = ((one - other > 60).any(axis=0) for one, other in ((green, red), (red, green)))
     assert np.ptp(np.flatnonzero(good)) <= 6  # no more than its dot
@@ -72,7 +72,7 @@ def test_matches_are_drawn_from_where_a_mere_turn_would_leave_them():
 
 def test_the_winning_half_is_bright():
     grey = Frames(np.full((1, 16, 16), 100, np.uint8), ["a"], np.zeros(1, int), CAMERA, np.zeros(1, int))
-    picture = drawn(grey, Motion(np.zeros(3), np.eye(3), "m", window_rad=0.0))[:, ::-1]
+    picture = draw_matches(grey, Motion(np.zeros(3), np.eye(3), "m", window_rad=0.0))[:, ::-1]
     half = picture.shape[1] // 2
     assert picture[:, :half].mean() == pytest.approx(100, abs=1)
     assert picture[:, half:].mean() == pytest.approx(50, abs=1)

@@ -20,7 +20,7 @@ from omnilab.posegraph.graph import between, inverse, moved, vectors
 from omnilab.runner.recorder import Recorder
 from omnilab.testing import check_study
 from omnilab_studies import ViewSlam
-from omnilab_studies.common.match_images import pair
+from omnilab_studies.common.match_images import draw_image_pair
 from omnilab_studies.common.pose_sources import Source
 from omnilab_studies.view_slam.front_end import Association, ViewMapper, angles_of, similarity
 from omnilab_studies.view_slam.study import spaced
@@ -329,9 +329,9 @@ def test_two_panoramas_are_joined_where_matches_agree():
     grey = np.zeros((8, 64), np.uint8)
     matches = np.array([[[1.0, 0.5], [2.0, 0.5]], [[3.0, 0.5], [4.0, 0.5]]])
     told = Motion(np.zeros(3), np.eye(3), "m", "", matches, np.array([True, False]))
-    picture = pair(grey, grey, told)
+    picture = draw_image_pair(grey, grey, told)
     assert picture.shape == (32, 128, 3)
     green, red = picture[:, :, 1].astype(int), picture[:, :, 0].astype(int)
     assert (green - red > 60).any(axis=1).sum() > 14  # a line from one to the other
     assert 0 < (red - green > 60).any(axis=1).sum() < 14  # dots alone
-    assert not pair(grey, None, None).any()
+    assert not draw_image_pair(grey, None, None).any()

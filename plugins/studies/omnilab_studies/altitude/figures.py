@@ -9,8 +9,7 @@ import numpy as np
 
 from omnilab.api import Bytes
 from omnilab_studies.altitude.results import LEAST_M, Altimetry, Told, by_height
-from omnilab_studies.common.comparison_plots import CURVES, _plain, style_of
-from omnilab_studies.common.plots import _figure as blank
+from omnilab_studies.common.plots import CURVES, blank_figure, plain_axes, style_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,7 +33,7 @@ def estimates(found: Altimetry) -> Figure:
     """Clear estimates against true heights: a line a column, and the median (thesis, figure 5.14)."""
     clear = found.levels[0].title
     names = found.altimeters
-    figure = blank(3.6 * len(names), 3.0 * len(found.references))
+    figure = blank_figure(3.6 * len(names), 3.0 * len(found.references))
     grid = figure.subplots(len(found.references), len(names), squeeze=False, sharex=True)
     for row, reference in zip(grid, found.references, strict=True):
         for axes, name in zip(row, names, strict=True):
@@ -48,7 +47,7 @@ def estimates(found: Altimetry) -> Figure:
             axes.axvline(parts[0].height_m[np.abs(parts[0].rise_m).argmin()], color="black", linewidth=0.6, ls=":")
             axes.set_title(f"{name.replace('_', ' ')}, reference {reference}", fontsize=9)
             axes.set_ylabel(f"estimate [{parts[0].heights.unit}]", fontsize=8)
-            _plain(axes)
+            plain_axes(axes)
     for axes in grid[-1]:
         axes.set_xlabel("height of the test [m]")
     figure.suptitle("Estimates of every column (grey), and their median: up (red), down (blue)", fontsize=10)
@@ -57,7 +56,7 @@ def estimates(found: Altimetry) -> Figure:
 
 def cases(told: Told, reference: str) -> Figure:
     """Of one column: the least distances of both cases, their difference, and where they lie (thesis, figure 5.12)."""
-    figure = blank(10.5, 3.1)
+    figure = blank_figure(10.5, 3.1)
     left, middle, right = figure.subplots(1, 3)
     least = {}
     for (name, curves), color in zip(told.heights.curves.items(), (FALLING, RISING), strict=True):
@@ -75,7 +74,7 @@ def cases(told: Told, reference: str) -> Figure:
     for axes in (left, middle, right):
         axes.set_xlabel(f"height of the test [m], reference {reference}")
         axes.title.set_fontsize(9)
-        _plain(axes)
+        plain_axes(axes)
     return figure
 
 
@@ -83,7 +82,7 @@ def spread(found: Altimetry) -> Figure:
     """Mean and deviation over the columns of estimates over their largest, level by level (thesis, figures 5.17-5.20)."""
     disturbances = list(dict.fromkeys(level.disturbance for level in found.levels[1:])) or ["clear"]
     names = found.altimeters
-    figure = blank(4.2 * len(names), 2.9 * len(disturbances))
+    figure = blank_figure(4.2 * len(names), 2.9 * len(disturbances))
     grid = figure.subplots(len(disturbances), len(names), squeeze=False, sharex=True, sharey=True)
     for row, disturbance in zip(grid, disturbances, strict=True):
         levels = [found.levels[0], *(x for x in found.levels[1:] if x.disturbance == disturbance)]
@@ -96,7 +95,7 @@ def spread(found: Altimetry) -> Figure:
                     axes.errorbar(at, mean, deviation, color=CURVES[k], ls=style, lw=1.1, elinewidth=0.8, label=label)
             axes.axhline(0, color="black", linewidth=0.6)
             axes.set_title(name.replace("_", " "), fontsize=10)
-            _plain(axes)
+            plain_axes(axes)
         row[0].set_ylabel("estimate / its largest")
         row[0].legend(fontsize=7, frameon=False, loc="upper left")
     for axes in grid[-1]:
@@ -112,7 +111,7 @@ def signs(found: Altimetry) -> Figure:
     rows = list(zip(*table.values(), strict=True))
     columns = min(3, len(found.levels))
     lines = -(-len(found.levels) // columns)
-    figure = blank(3.7 * columns, 2.8 * lines)
+    figure = blank_figure(3.7 * columns, 2.8 * lines)
     grid = figure.subplots(lines, columns, squeeze=False, sharex=True, sharey=True).ravel()
     style = style_of(found.altimeters)
     for axes, level in zip(grid, found.levels, strict=False):
@@ -121,7 +120,7 @@ def signs(found: Altimetry) -> Figure:
             axes.plot(*zip(*points, strict=True), label=name.replace("_", " "), markersize=4, lw=1.3, **style[name])
         axes.axvline(LEAST_M, color="black", linewidth=0.6, ls=":")
         axes.set(ylim=(-3, 103), title=level.title.replace("_", " "))
-        _plain(axes)
+        plain_axes(axes)
     for axes in grid[len(found.levels) :]:
         axes.set_axis_off()
     figure.legend(*grid[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=9, frameon=False)
@@ -132,7 +131,7 @@ def signs(found: Altimetry) -> Figure:
 
 def cost(times: Sequence[Mapping[str, Any]]) -> Figure:
     """Time of an estimate against the spread of clear estimates, for each reference (thesis, figure 5.13)."""
-    figure = blank(7.0, 4.2)
+    figure = blank_figure(7.0, 4.2)
     axes = figure.subplots()
     references = list(dict.fromkeys(row["reference"] for row in times))
     style = style_of(list(dict.fromkeys(row["altimeter"] for row in times)))
@@ -146,7 +145,7 @@ def cost(times: Sequence[Mapping[str, Any]]) -> Figure:
     axes.set(xlabel="ms an estimate", ylabel="spread of estimate / its largest", xlim=(0, None))
     axes.set_title(f"Time and spread, clear; filled: reference {references[-1]}", fontsize=10)
     axes.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1, 0.5))
-    _plain(axes)
+    plain_axes(axes)
     return figure
 
 
@@ -165,7 +164,7 @@ def curve_picture(told: Told, i: int) -> Bytes:
     axes.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low) + 1e-9)
     axes.set_title(f"rise {told.rise_m[i]:+.2f} m: {told.value[i]:+.2f} {told.heights.unit}", fontsize=9)
     axes.legend(fontsize=7, frameon=False)
-    _plain(axes)
+    plain_axes(axes)
     canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
     return np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])

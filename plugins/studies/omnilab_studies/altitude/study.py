@@ -31,10 +31,10 @@ from omnilab.image import to_gray, view_of
 from omnilab_studies.altitude import figures
 from omnilab_studies.altitude.layout import layout_of
 from omnilab_studies.altitude.results import Altimetry, Case, Told, markdown_of
-from omnilab_studies.common.comparison import columns_of
-from omnilab_studies.common.describing import disturbed
 from omnilab_studies.common.disturbance_levels import check_levels, levels_of
+from omnilab_studies.common.frames import disturbed
 from omnilab_studies.common.image_columns import Column, Reference, columns_in, free_columns
+from omnilab_studies.common.tables import columns_of
 from omnilab_studies.datasets.render.study import _is_position, _is_range
 
 FRAME_NS = 100_000_000  # between two images, in the logs

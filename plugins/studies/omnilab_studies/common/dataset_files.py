@@ -13,13 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from omnilab.api import Bytes, Camera, Floats, Ints, Parts, Plan
 from omnilab.cameras import ImageCircle, RayCamera, save_camera
 from omnilab.errors import ConfigError, DataError
-from omnilab.geometry import heading_of, quaternion_xyzw
-from omnilab.trajectory.files import MATRIX, POSITION
+from omnilab.geometry import heading_of
+from omnilab.trajectory.files import MATRIX, POSITION, tum_text
 
 ABOUT = "dataset.json"
 LARGEST_FILE = 64 * 2**20  # bytes, of dataset.json
@@ -33,9 +32,11 @@ class DataSet:
     setting: str = "study.folder"  # that names it
 
     def image(self, n: int) -> Path:
+        """The image file of frame n."""
         return self.folder / "images" / f"{n:06d}.png"
 
     def depth(self, n: int) -> Path:
+        """The depth file of frame n."""
         return self.folder / "depth" / f"{n:06d}.npy"
 
     def has(self, n: int) -> bool:
@@ -81,7 +82,7 @@ class DataSet:
         return np.asarray(pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), np.uint8)
 
     def write_camera(self, camera: Camera) -> str:
-        """`camera.json` where the camera is calibrated; what there is to say about it."""
+        """Write `camera.json` where the camera is calibrated; a sentence about what was written."""
         if not isinstance(camera, RayCamera):
             return f"a {type(camera).__name__} is not calibrated, so there is no camera.json"
         try:
@@ -105,10 +106,10 @@ class DataSet:
         if cells is not None:
             columns |= {"ix": cells[numbers, 0].tolist(), "iy": cells[numbers, 1].tolist()}
         self._write(self.folder / "positions.csv", _csv(columns))
-        self._write(self.folder / "poses.tum", "".join(_tum(poses, stamps.tolist())).encode())
+        self._write(self.folder / "poses.tum", tum_text(poses, stamps).encode())
 
     def close(self, contents: Mapping[str, Any], found: Mapping[str, Any]) -> None:
-        """Say that the data set is complete, and what was found on the way."""
+        """Mark the data set as complete, and add results."""
         self._write_about({**contents, "complete": True, "omnilab": version("omnilab"), **found})
 
     def _check_same(self, contents: Mapping[str, Any]) -> None:
@@ -149,14 +150,16 @@ class DataSet:
 
 
 def contents_of(parts: Parts, plan: Plan, seed: int) -> dict[str, Any]:
-    """What tells one data set from another: the components, and the plan."""
+    """The identity of a data set: the components, and the plan."""
     digest = hashlib.sha256("\n".join(plan.keys).encode())
     if plan.T_world_camera is not None:
         digest.update(np.ascontiguousarray(plan.T_world_camera, float).tobytes())
-    spoilt: dict[str, Any] = {name: component(disturbance) for name, disturbance in parts.disturbances.items()}
+    applied: dict[str, Any] = {
+        name: component_settings(disturbance) for name, disturbance in parts.disturbances.items()
+    }
     return {
-        "sensor": component(parts.sensor),
-        "disturbances": {"seed": seed, **spoilt} if spoilt else {},
+        "sensor": component_settings(parts.sensor),
+        "disturbances": {"seed": seed, **applied} if applied else {},
         "planned": len(plan),
         "plan": digest.hexdigest(),
         "omitted": list(plan.omitted),
@@ -164,7 +167,7 @@ def contents_of(parts: Parts, plan: Plan, seed: int) -> dict[str, Any]:
 
 
 def describe_camera(camera: Camera) -> dict[str, Any]:
-    """Size and, where that is all that is known, the circle as the sensor `folder` takes it."""
+    """Model and size of a camera and, without a calibration, the circle as the sensor `folder` takes it."""
     about: dict[str, Any] = {"model": type(camera).__name__, "width": camera.width, "height": camera.height}
     if isinstance(camera, ImageCircle):
         ring = camera.circle
@@ -172,8 +175,8 @@ def describe_camera(camera: Camera) -> dict[str, Any]:
     return about
 
 
-def component(part: Any) -> dict[str, Any]:
-    """Class and settings, by which a component is told from another."""
+def component_settings(part: Any) -> dict[str, Any]:
+    """Class and settings of a component, which identify it."""
     return {"class": f"{type(part).__module__}.{type(part).__qualname__}", **asdict(part)}
 
 
@@ -212,11 +215,3 @@ def _csv(columns: Mapping[str, Sequence[Any]]) -> bytes:
     writer.writerow(columns)
     writer.writerows(zip(*columns.values(), strict=True))
     return stream.getvalue().encode()
-
-
-def _tum(poses: npt.NDArray[Any], stamps_ns: Sequence[int]) -> Iterator[str]:
-    """Lines `t tx ty tz qx qy qz qw`."""
-    values = np.concatenate([poses[:, :3, 3], quaternion_xyzw(poses)], 1).tolist()
-    for stamp, row in zip(stamps_ns, values, strict=True):
-        sign, (seconds, nanos) = "-" * (stamp < 0), divmod(abs(stamp), 10**9)
-        yield f"{sign}{seconds}.{nanos:09d} {' '.join(map(repr, row))}\n"

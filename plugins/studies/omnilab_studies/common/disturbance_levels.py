@@ -1,4 +1,4 @@
-"""Disturbances at several strengths."""
+"""Levels of disturbances: one setting of each, at several values."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from omnilab.errors import ConfigError, did_you_mean
 
 
 class Level(NamedTuple):
-    """A disturbance at one strength; none at all is the level "clear"."""
+    """A disturbance with one setting at one value; the level "clear" has none."""
 
     disturbance: str
     setting: str = ""
@@ -20,11 +20,12 @@ class Level(NamedTuple):
 
     @property
     def title(self) -> str:
+        """The disturbance and its value, for figures and logs."""
         return f"{self.disturbance} {self.value:g}" if isinstance(self.value, float | int) else self.disturbance
 
 
 def are_numbers(values: Sequence[Any]) -> bool:
-    """Whether there are some, whole or not: whole ones are no floats to OmegaConf, so the field cannot say it."""
+    """Whether these are one or more numbers: OmegaConf takes no integers for floats, so the field's type cannot check it."""
     return len(values) > 0 and all(isinstance(value, int | float) for value in values)
 
 
@@ -53,7 +54,7 @@ def check_levels(levels: Mapping[str, Mapping[str, Sequence[Any]]]) -> None:
 def levels_of(
     levels: Mapping[str, Mapping[str, Sequence[Any]]], disturbances: Mapping[str, Disturbance], record: Recorder
 ) -> list[Level]:
-    """Clear, and every level of every disturbance; one without `levels` has its own strength alone."""
+    """Clear, and every level of every disturbance; one without `levels` has its own settings alone."""
     for name in sorted(levels.keys() - disturbances.keys()):
         record.log("log", Text(f"study.levels.{name} is not used: the run has no disturbance '{name}'"))
     found = [Level("clear")]

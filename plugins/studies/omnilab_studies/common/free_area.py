@@ -1,4 +1,4 @@
-"""Parts of a grid that furniture leaves free, and queries in them."""
+"""Free squares and windows of a grid, and query poses in them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ def check_square(side: int, step_m: float, center_m: Sequence[float], query_coun
 
 
 def free_square(sensor: Sensor, side: int, step_m: float, center_m: Sequence[float], height_m: float | None) -> Plan:
-    """`side` x `side` places of the sensor's grid, all of them free: those whose middle is nearest to `center_m`."""
+    """`side` x `side` places of the sensor's grid, all of them free: those whose middle is nearest to `center_m`.
+
+    DataError if there is no such square.
+    """
     plan = sensor.plan(GridPoses(step_m, height_m=height_m))
     at = known_poses(plan.T_world_camera, "places")[:, :2, 3]
     corners = _corners(np.rint((at - at.min(axis=0)) / step_m).astype(int), side)
@@ -69,7 +72,7 @@ def positions_within(places: Plan, count: int, rng: np.random.Generator) -> Floa
     return rng.uniform(at.min(axis=0), at.max(axis=0), (count, 3))
 
 
-def headed(position_m: Floats, share: Floats, steps: int | None = None) -> PathPoses:
-    """Poses at positions (N, 3) with headings from shares (N,) of a full turn; with `steps`, whole steps of so many."""
-    turns = share if steps is None else np.floor(share * steps) / steps
-    return PathPoses(planar_poses(position_m, 2 * np.pi * turns))
+def poses_with_headings(position_m: Floats, share: Floats, steps: int | None = None) -> PathPoses:
+    """Poses at positions (N, 3) with headings from shares (N,) of a full turn; with `steps`, multiples of 2 pi / steps."""
+    headings = share if steps is None else np.floor(share * steps) / steps
+    return PathPoses(planar_poses(position_m, 2 * np.pi * headings))

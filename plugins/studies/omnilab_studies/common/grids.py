@@ -1,4 +1,4 @@
-"""The settings by which studies ask for a grid of places."""
+"""Settings of a grid of places: checked, and as a pose request."""
 
 from __future__ import annotations
 
@@ -28,8 +28,13 @@ def check_extent(extent_m: Sequence[float] | None) -> None:
         raise ConfigError(f"study.extent_m={extent_m} is no area; give [x, y] in metres")
 
 
+def extent_of(extent_m: Sequence[float] | None) -> tuple[float, float] | None:
+    """The setting `extent_m` as lengths along x and y; None: all that the sensor covers."""
+    return None if extent_m is None else (extent_m[0], extent_m[1])
+
+
 def grid_poses(
     step_m: float | None, every: int | None, extent_m: Sequence[float] | None, height_m: float | None
 ) -> GridPoses:
-    """The layout that a study's settings describe."""
-    return GridPoses(step_m, every, None if extent_m is None else (extent_m[0], extent_m[1]), height_m)
+    """The grid that a study's settings describe."""
+    return GridPoses(step_m, every, extent_of(extent_m), height_m)

@@ -1,4 +1,4 @@
-"""Images above each other, and which of them are references."""
+"""Columns of images above one position, and their reference images."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TOGETHER_M = 0.05  # positions that are one column, and heights that are the sam
 
 @dataclass(frozen=True)
 class Column:
-    """n images above one spot, from the lowest to the highest."""
+    """n images above one position, from the lowest to the highest."""
 
     position_m: Floats  # (2,)
     height_m: Floats  # (n,)
@@ -52,14 +52,14 @@ class Reference:
 
 def free_columns(
     sensor: Sensor, count: int, positions_m: Sequence[Sequence[float]] | None, heights_m: Sequence[float],
-    turned: bool, rng: np.random.Generator,
+    random_headings: bool, rng: np.random.Generator,
 ) -> Plan:  # fmt: skip
-    """Images over given spots, or over `count` random ones that are free up to the highest of [low, high, step]."""
+    """Columns over given positions, or over `count` random ones that are free up to the highest of [low, high, step]."""
     if positions_m is None:
-        spots = sensor.plan(RandomPoses(count, int(rng.integers(2**32)), height_m=heights_m[1]))
-        positions_m = known_poses(spots.T_world_camera, "columns")[:, :2, 3].tolist()
-    at = column(positions_m, heights_m)[:, :3, 3]
-    heading = rng.uniform(0, 2 * np.pi, len(at)) if turned else 0.0
+        free = sensor.plan(RandomPoses(count, int(rng.integers(2**32)), height_m=heights_m[1]))
+        positions_m = known_poses(free.T_world_camera, "columns")[:, :2, 3].tolist()
+    at = column_poses(positions_m, heights_m)[:, :3, 3]
+    heading = rng.uniform(0, 2 * np.pi, len(at)) if random_headings else 0.0
     return sensor.plan(PathPoses(planar_poses(at, heading)))
 
 
@@ -87,7 +87,7 @@ def columns_in(plan: Plan) -> list[Column]:
     return tall
 
 
-def column(positions_m: Sequence[Sequence[float]], heights_m: Sequence[float]) -> Floats:
+def column_poses(positions_m: Sequence[Sequence[float]], heights_m: Sequence[float]) -> Floats:
     """`T_world_camera` (N, 4, 4) over each floor position (x, y), from the lowest of [low, high, step] to the highest."""
     low, high, step = heights_m
     heights = low + step * np.arange(int((high - low) / step + 1e-6) + 1)

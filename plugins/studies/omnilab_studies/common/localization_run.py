@@ -1,9 +1,8 @@
-"""Queries put to a localizer: answered batch by batch, scored, logged."""
+"""Localisation of queries in one map: batch by batch, scored, logged."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -27,25 +26,24 @@ from omnilab.api import (
 )
 from omnilab.geometry import heading_of
 from omnilab.metrics import spacing
-from omnilab_studies.common import plots
-from omnilab_studies.common.describing import deliver_queries, describe, disturbed, show_frame
-from omnilab_studies.common.recall import curve, true_ranks
-from omnilab_studies.common.scores import Scored, joined, known_poses, score
+from omnilab_studies.common.describing import describe
+from omnilab_studies.common.frames import deliver_queries
+from omnilab_studies.common.logs import show_frame
+from omnilab_studies.common.scores import ScoredEstimates, joined_estimates, known_poses, score
 
 EXAMPLE_M = (-2.239, -1.653)  # x, y: the query nearest to it has its distance surface drawn (thesis, figure 4.12)
-WORST = 6  # wrong answers shown in a figure
 
 
 @dataclass
-class Example:
-    """The query nearest to the thesis's example, with its distances to all places."""
+class ExampleQuery:
+    """The query nearest to the thesis's example, with its distances to all places (thesis, figure 4.12)."""
 
     field: Floats | None = None  # (P,)
     truth_m: Floats | None = None  # (3,)
     answer_m: Floats | None = None  # (3,)
 
-    def offer(self, scored: Scored, field: Floats | None) -> None:
-        """Keep the best of a batch if it beats what there is."""
+    def update(self, scored: ScoredEstimates, field: Floats | None) -> None:
+        """Take the nearest query of a batch, if it is nearer than the one so far."""
         if field is None:
             return
         away = np.linalg.norm(scored.truth_m[:, :2] - EXAMPLE_M, axis=1)
@@ -56,14 +54,14 @@ class Example:
 
 @dataclass
 class LocalizationRun:
-    """A map ready to be asked, and how what it answers is shown: pictures of about `show` queries, numbers of all."""
+    """A prepared map in which queries are localised. Logs images of about `show` queries, and errors of all."""
 
     parts: Parts
     places: Places
     record: Recorder
     show: int
     omitted: list[str] = field(default_factory=list)  # queries that could not be delivered, with reasons
-    example: Example = field(default_factory=Example)
+    example: ExampleQuery = field(default_factory=ExampleQuery)
 
     def __post_init__(self) -> None:
         self.places_m = known_poses(self.places.T_world_camera, "places")[:, :3, 3]
@@ -72,29 +70,31 @@ class LocalizationRun:
             self._index = self.parts.localizer.prepare(self.places, self.parts.distance)
 
     def locate(self, signatures: Signatures, motion: Floats | None = None) -> Estimates:
-        """What the localizer answers; a tracker is told the motion (Q, 3) up to each query where it is given."""
+        """The localizer's estimates; a sequence localizer gets the motion (Q, 3) up to each query where it is known."""
         localizer = self.parts.localizer
         if motion is not None and isinstance(localizer, SequenceLocalizer):
             return localizer.track(signatures, self._index, motion)
         return localizer.locate(signatures, self._index)
 
-    def ask(self, plan: Plan, seed: int, motion: Floats | None = None) -> Scored:
-        """The answers to all frames of a plan, in order."""
-        batches: list[Scored] = []
+    def localize(self, plan: Plan, seed: int, motion: Floats | None = None) -> ScoredEstimates:
+        """Localise all frames of a plan of queries, in order; `seed` is that of the disturbances."""
+        batches: list[ScoredEstimates] = []
         for frames in deliver_queries(self.parts, plan, self.record, seed):
             self.omitted += frames.omitted
             signatures = describe(self.parts.descriptor, frames, self.record)
             with self.record.timed("localise", len(frames)):
                 estimates = self.locate(signatures, None if motion is None else motion[frames.plan_index])
             batches.append(score(frames, estimates, self.places_m, self.step_m))
-            self.example.offer(batches[-1], estimates.field)
+            self.example.update(batches[-1], estimates.field)
             self._log(frames, signatures, batches[-1], estimates.field, len(plan))
-        scored = joined(batches)
+        scored = joined_estimates(batches)
         self.record.log("answers", Answers(scored.truth_m, scored.answer_m, list(scored.verdict)))
         return scored
 
-    def _log(self, frames: Frames, signatures: Signatures, scored: Scored, field: Floats | None, total: int) -> None:
-        """Numbers of every query, pictures of some."""
+    def _log(
+        self, frames: Frames, signatures: Signatures, scored: ScoredEstimates, field: Floats | None, total: int
+    ) -> None:
+        """Errors of every query, images of some."""
         steps, stamps = scored.plan_index, scored.stamps_ns
         self.record.log("error/position_m", Series(scored.error_m, steps, stamps, "m"))
         if scored.has_headings:
@@ -107,36 +107,14 @@ class LocalizationRun:
                 self.record.log("distances", DistanceField(self.places_m, field[i]), tick)
             self.record.log("estimate", estimate_of(scored, int(i)), tick)
 
-    def figures(self, scored: Scored) -> dict[str, Any]:
-        """Success, errors on the floor plan, recall and precision, the distances of one query."""
-        drawn = {
-            "success": plots.success(scored.verdict),
-            "error_map": plots.error_map(
-                self.places_m, scored.truth_m, scored.answer_m, scored.error_m, scored.verdict
-            ),
-            "recall": plots.recall(true_ranks(scored), *curve(scored), len(self.places)),
-        }
-        example = self.example
-        if example.field is not None and example.truth_m is not None and example.answer_m is not None:
-            drawn["distance_surface"] = plots.surface(self.places_m, example.field, example.truth_m, example.answer_m)
-        return drawn
-
     def pictures(self, places: Ints) -> Bytes:
         """The images of places (N,), taken anew by the run's sensor: a map keeps none."""
         plan = Plan(self.places.keys, self.places.T_world_camera).at(places)
         return np.concatenate([frames.images for frames in self.parts.sensor.frames(plan)])
 
-    def worst(self, plan: Plan, scored: Scored, seed: int) -> Any:
-        """A figure of the worst answers: queries beside what they were taken for."""
-        worst = np.argsort(-scored.error_m, kind="stable")[:WORST]
-        asked = self.parts.sensor.frames(plan.at(scored.plan_index[worst]))
-        queries = [image for frames in asked for image in disturbed(frames, self.parts.disturbances, seed).images]
-        answers = self.pictures(scored.place[worst])
-        return plots.worst(queries, list(answers), scored.error_m[worst], scored.verdict[worst])
 
-
-def estimate_of(scored: Scored, i: int) -> Estimate:
-    """One answer, for the logs."""
+def estimate_of(scored: ScoredEstimates, i: int) -> Estimate:
+    """The estimate of query i, for the logs."""
     heading = float(scored.answer_heading_rad[i])
     return Estimate(
         scored.truth_m[i], scored.answer_m[i], str(scored.verdict[i]),

@@ -1,4 +1,4 @@
-"""Methods on one map, asked the same queries."""
+"""Methods under comparison on one map: the same queries localised by each, with time and memory."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from omnilab.api import Descriptor, Estimates, Frames, Parts, Places, Plan, Reco
 from omnilab.metrics import spacing
 from omnilab_studies.common.describing import describe, describe_places, fitted
 from omnilab_studies.common.methods import Method, descriptors_of, methods_of
-from omnilab_studies.common.scores import Scored, known_poses, score
+from omnilab_studies.common.scores import ScoredEstimates, known_poses, score
 
 
-class Answered(NamedTuple):
-    """What one method answers to a batch of queries."""
+class MethodEstimates(NamedTuple):
+    """One method's estimates for a batch of queries."""
 
     method: Method
     signatures: Signatures
     estimates: Estimates
-    scored: Scored
+    scored: ScoredEstimates
 
 
-class Cost(NamedTuple):
-    """What a method costs: the bytes of a place, and milliseconds to describe and to localise one query."""
+class MethodCost(NamedTuple):
+    """Cost of a method: bytes of a place, and milliseconds to describe and to localise one query."""
 
     bytes_per_place: float
     describe_ms: float
@@ -33,11 +33,12 @@ class Cost(NamedTuple):
 
     @property
     def query_ms(self) -> float:
+        """Milliseconds of a query in all."""
         return self.describe_ms + self.locate_ms
 
 
 class MethodRuns:
-    """Methods with their maps. Each descriptor describes an image once, whatever distances compare it."""
+    """The methods of a run, each with its map of the planned places. A descriptor describes each image once."""
 
     def __init__(self, parts: Parts, plan: Plan, record: Recorder) -> None:
         self.methods = methods_of(parts)
@@ -51,31 +52,31 @@ class MethodRuns:
             self._places[name], _ = describe_places(own, plan, record, f"places, {name}")
         self._step_m = spacing(known_poses(plan.T_world_camera, "places")[:, :3, 3])
         self._maps: dict[str, Any] = {
-            c.name: self._localizer.prepare(self._places[c.descriptor_name], c.distance) for c in self.methods
+            m.name: self._localizer.prepare(self._places[m.descriptor_name], m.distance) for m in self.methods
         }
 
-    def answers(self, frames: Frames) -> Iterator[Answered]:
-        """What every method answers, scored."""
-        yield from self.answers_of(list(self._descriptors), frames)
+    def localize(self, frames: Frames) -> Iterator[MethodEstimates]:
+        """Every method's estimates for a batch of queries, scored."""
+        yield from self.localize_by(list(self._descriptors), frames)
 
-    def answers_of(self, descriptor_names: list[str], frames: Frames) -> Iterator[Answered]:
-        """The same, of some descriptors alone."""
+    def localize_by(self, descriptor_names: list[str], frames: Frames) -> Iterator[MethodEstimates]:
+        """The same, by the methods of some descriptors alone."""
         for name in descriptor_names:
             start = time.perf_counter()
             signatures = describe(self._descriptors[name], frames, self._record)
             self._spend(name, start, frames)
             places_m = known_poses(self._places[name].T_world_camera, "places")[:, :3, 3]
-            for method in (c for c in self.methods if c.descriptor_name == name):
+            for method in (m for m in self.methods if m.descriptor_name == name):
                 start = time.perf_counter()
                 with self._record.timed("localise", len(frames)):
                     estimates = self._localizer.locate(signatures, self._maps[method.name])
                 self._spend(f"locate {method.name}", start, frames)
-                yield Answered(method, signatures, estimates, score(frames, estimates, places_m, self._step_m))
+                yield MethodEstimates(method, signatures, estimates, score(frames, estimates, places_m, self._step_m))
 
-    def cost(self, method: Method) -> Cost:
-        """What a method cost so far."""
+    def cost(self, method: Method) -> MethodCost:
+        """The cost of a method, averaged over its queries so far."""
         places = self._places[method.descriptor_name]
-        return Cost(
+        return MethodCost(
             places.signatures.nbytes / len(places),
             self._each_ms(method.descriptor_name),
             self._each_ms(f"locate {method.name}"),

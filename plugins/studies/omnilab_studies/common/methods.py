@@ -1,4 +1,4 @@
-"""Which descriptors and distances a study compares."""
+"""The methods that a study compares: descriptors with distances."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import numpy as np
 
 from omnilab.api import Descriptor, Distance, Frames, Parts, Plan, Recorder, Signatures
 from omnilab.errors import ConfigError, DataError
-from omnilab_studies.common.describing import describe, evenly, fitted
+from omnilab_studies.common.describing import describe, fitted
+from omnilab_studies.common.samples import evenly
 
 PROBES = 8  # signatures on which a distance is tried
 
@@ -23,6 +24,11 @@ class Method(NamedTuple):
     descriptor: Descriptor
     distance: Distance
     distance_name: str
+
+
+def key_of(name: str) -> str:
+    """A method's name as a part of metric names and log paths."""
+    return name.replace(" + ", "_")
 
 
 def methods_of(parts: Parts) -> list[Method]:
@@ -55,7 +61,7 @@ def descriptors_of(methods: Iterable[Method]) -> dict[str, Descriptor]:
 
 
 def settings_of(component: Any) -> str:
-    """A component's numbers, as NAME=VALUE; one that has learnt keeps those it had in `settings`."""
+    """A component's numbers, as NAME=VALUE; a trained one keeps those it had in `settings`."""
     if not is_dataclass(component):
         return ""
     values = {f.name: getattr(component, f.name) for f in fields(component)}
@@ -65,7 +71,7 @@ def settings_of(component: Any) -> str:
 
 
 def fitted_all(parts: Parts, plan: Plan, record: Recorder) -> Parts:
-    """The parts with descriptors that have seen the plan's frames, where they must."""
+    """The parts with all descriptors able to describe: trainable ones are trained on the plan's frames."""
     own = {name: fitted(replace(parts, descriptor=d), plan, record).descriptor for name, d in parts.descriptors.items()}
     return replace(fitted(parts, plan, record), descriptors=own)
 
@@ -80,25 +86,25 @@ def describe_all(methods: Iterable[Method], frames: Frames, record: Recorder) ->
 
 
 def joined_signatures(batches: Sequence[Signatures]) -> Signatures:
-    """Batches of one descriptor in one."""
+    """Batches of signatures by one descriptor, concatenated."""
     headings = [batch.heading for batch in batches if batch.heading is not None]
     return Signatures(
         np.concatenate([batch.place for batch in batches]), np.concatenate(headings) if headings else None
     )
 
 
-def prepared(method: Method, signatures: Signatures, turning: bool = False) -> Any:
-    """The distance's index of signatures; DataError, with the reason, if the two do not go together.
+def prepared(method: Method, signatures: Signatures, rotated: bool = False) -> Any:
+    """The distance's index of signatures; DataError, with the reason, if the distance cannot compare such signatures.
 
-    `turning`: the images have different headings, which a distance must look for where turns shift the signatures.
+    `rotated`: the images have different headings, which a distance must estimate where rotations shift the signatures.
     """
     index = method.distance.prepare(signatures)
-    if method.descriptor.rotation == "invariant" and _looks_for_turns(method.distance, signatures):
+    if method.descriptor.rotation == "invariant" and _is_rotation_invariant(method.distance, signatures):
         raise DataError("the distance looks for turns along the last axis, which a turn of the camera does not shift")
     if (
-        turning
+        rotated
         and method.descriptor.rotation == "equivariant"
-        and not _looks_for_turns(method.distance, signatures, 0.25)
+        and not _is_rotation_invariant(method.distance, signatures, 0.25)
     ):
         raise DataError(
             "the camera turns between images, which shifts the signatures, and the distance does not look for it"
@@ -106,8 +112,8 @@ def prepared(method: Method, signatures: Signatures, turning: bool = False) -> A
     return index
 
 
-def _looks_for_turns(distance: Distance, signatures: Signatures, share: float = 1e-3) -> bool:
-    """Whether signatures stay within a share of the median distance when their last axes are shifted by a quarter."""
+def _is_rotation_invariant(distance: Distance, signatures: Signatures, share: float = 1e-3) -> bool:
+    """Whether signatures shifted by a quarter of their last axis stay within a share of the median distance."""
     some = signatures[evenly(len(signatures), PROBES)]
     shifted = np.roll(some.place, max(1, some.place.shape[-1] // 4), axis=-1)
     moved = [not np.allclose(*pair) for pair in zip(shifted, some.place, strict=True)]

@@ -1,8 +1,8 @@
-"""The settings by which studies ask for images: from where, and how many."""
+"""Settings of where images come from: random poses, a path, a recording, another setting of the sensor."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from enum import Enum
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 from omnilab.api import NamedPath, PathPoses, Plan, PoseRequest, RandomPoses, RecordedPoses, Sensor
 from omnilab.errors import ConfigError, did_you_mean
 from omnilab.trajectory.files import read_trajectory
+from omnilab_studies.common.grids import extent_of
 
 
 class Source(Enum):
@@ -24,24 +25,34 @@ class Source(Enum):
     recorded = "recorded"  # all that was recorded
 
 
-def layout_without_grid(
-    source: Source, count: int, path: str, heading_step_deg: float | None, extent_m: tuple[float, float] | None,
+def random_poses(
+    count: int, seed: int, heading_step_deg: float | None, extent_m: Sequence[float] | None, height_m: float | None
+) -> RandomPoses:
+    """Random poses as a study's settings describe them; headings are multiples of the step, or any without one."""
+    step = None if heading_step_deg is None else float(np.deg2rad(heading_step_deg))
+    return RandomPoses(count, seed, step, extent_of(extent_m), height_m)
+
+
+def query_poses(
+    source: Source, count: int, path: str, heading_step_deg: float | None, extent_m: Sequence[float] | None,
     height_m: float | None, rng: np.random.Generator,
 ) -> PoseRequest:  # fmt: skip
-    """The layout that a study's settings describe, where it is no grid; draws one number whatever it is."""
+    """The query poses that a study's settings describe; draws one number from `rng`, whatever the source is.
+
+    ConfigError for a grid: its poses are the places.
+    """
     seed = int(rng.integers(2**32))
     if source is Source.recorded:
         return RecordedPoses()
     if source is Source.path:
         return NamedPath(path, height_m)
     if source is Source.random:
-        step = None if heading_step_deg is None else float(np.deg2rad(heading_step_deg))
-        return RandomPoses(count, seed, step, extent_m, height_m)
+        return random_poses(count, seed, heading_step_deg, extent_m, height_m)
     raise ConfigError(f"queries={source.value} would be the places themselves; give random, path or recorded")
 
 
-def plan_of_way(sensor: Sensor, source: Source, path: str, height_m: float | None) -> Plan:
-    """All that was recorded, in its order; or a path: of a file of poses, or one that the world knows by name."""
+def plan_of_trajectory(sensor: Sensor, source: Source, path: str, height_m: float | None) -> Plan:
+    """The poses of a trajectory, in order: a whole recording, a file of poses, or a path that the world knows by name."""
     if source is Source.recorded:
         return sensor.plan(RecordedPoses())
     if Path(path).suffix:
@@ -50,7 +61,7 @@ def plan_of_way(sensor: Sensor, source: Source, path: str, height_m: float | Non
 
 
 def changed(sensor: Sensor, where: str, settings: Mapping[str, Any]) -> Sensor:
-    """A sensor with some of its settings changed; ConfigError, naming where they stand, for those it does not have."""
+    """A sensor with some of its settings changed; ConfigError, naming `where` they are set, for those it does not have."""
     known = [f.name for f in fields(sensor)]  # type: ignore[arg-type]
     for name in settings:
         if name not in known:

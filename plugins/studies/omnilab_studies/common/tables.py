@@ -1,13 +1,20 @@
-"""Tables as Markdown."""
+"""Tables: rows to columns, columns and metrics to Markdown."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from omnilab.api import Metric
+
+
+def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
+    """Rows of the same keys as columns by name."""
+    return {key: [row[key] for row in rows] for key in rows[0]}
+
 
 def markdown(table: Mapping[str, Sequence[Any]]) -> str:
-    """A table as Markdown, numbers with four digits."""
+    """Columns by name as a Markdown table, numbers with four digits."""
     head = [f"| {' | '.join(name.replace('_', ' ') for name in table)} |", f"|{'---|' * len(table)}"]
     rows = [f"| {' | '.join(_brief(cell) for cell in row)} |" for row in zip(*table.values(), strict=True)]
     return "\n".join([*head, *rows])
@@ -15,3 +22,9 @@ def markdown(table: Mapping[str, Sequence[Any]]) -> str:
 
 def _brief(cell: Any) -> str:
     return f"{cell:.4g}" if isinstance(cell, float) else str(cell)
+
+
+def markdown_table(metrics: list[Metric], title: str) -> str:
+    """Metrics as a Markdown document with a title, for the viewer."""
+    rows = [f"| {m.name.replace('_', ' ')} | {m.value:.4g} {'' if m.unit == '1' else m.unit} |" for m in metrics]
+    return "\n".join([f"## {title}", "", "| | |", "|---|---|", *rows])

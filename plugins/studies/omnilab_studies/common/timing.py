@@ -1,95 +1,16 @@
-"""Images in the views that descriptors want, described with a clock at hand."""
+"""Wall time of one call."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Callable
 from typing import TypeVar
 
-import numpy as np
-
-from omnilab.api import Bytes, Descriptor, Floats, Frames, Recorder, Signatures, Tick, Trainable
-from omnilab.errors import DataError
-from omnilab.image import view_of
-from omnilab_studies.common.describing import show_picture
-from omnilab_studies.common.methods import joined_signatures, settings_of
-from omnilab_studies.common.scores import known_poses
-
 T = TypeVar("T")
-View = tuple[str, bool]  # what a descriptor's `view` and `color` say
-BATCH = 64  # images described at once
-WARM_UP = 2  # images described before the clock runs: the first call may compile
 
 
-@dataclass(frozen=True)
-class Pictures:
-    """N images in every view that a descriptor wants, and what a view of one took."""
-
-    views: Mapping[View, Bytes]
-    view_ms: Mapping[View, float]
-    position_m: Floats  # (N, 3)
-    omitted: Sequence[str]
-
-    @classmethod
-    def of(cls, batches: Iterable[Frames], descriptors: Mapping[str, Descriptor], record: Recorder) -> Pictures:
-        """Of all frames of the batches; DataError if there are none, or no poses."""
-        wanted = {(descriptor.view, descriptor.color) for descriptor in descriptors.values()}
-        views: dict[View, list[Bytes]] = {view: [] for view in wanted}
-        seconds = dict.fromkeys(wanted, 0.0)
-        poses: list[Floats] = []
-        omitted: list[str] = []
-        for frames in batches:
-            if len(frames):
-                show_picture(record, frames, 0, Tick(int(frames.plan_index[0]), int(frames.stamps_ns[0])))
-            for view in wanted:
-                pictures, spent = clocked(partial(view_of, frames.images, frames.camera, *view))
-                views[view].append(pictures)
-                seconds[view] += spent
-            poses.append(known_poses(frames.T_world_camera, "images")[:, :3, 3])
-            omitted += frames.omitted
-        if not poses:
-            raise DataError("the sensor delivered no images for the study's layout; ask for others")
-        position_m = np.concatenate(poses)
-        each = {view: 1e3 * spent / len(position_m) for view, spent in seconds.items()}
-        return cls({view: np.concatenate(parts) for view, parts in views.items()}, each, position_m, omitted)
-
-    def __len__(self) -> int:
-        return len(self.position_m)
-
-
-@dataclass(frozen=True)
-class Described:
-    """Places and queries as one descriptor sees them, and what that took."""
-
-    places: Signatures
-    queries: Signatures
-    settings: str
-    fit_s: float
-    view_ms: float  # per query
-    describe_ms: float  # per image
-
-    @classmethod
-    def by(cls, descriptor: Descriptor, places: Pictures, queries: Pictures) -> Described:
-        """By a descriptor, fitted on the places where it must be."""
-        view = (descriptor.view, descriptor.color)
-        fit_s = 0.0
-        if isinstance(descriptor, Trainable):
-            learner = descriptor
-            descriptor, fit_s = clocked(lambda: learner.fit(places.views[view]))
-        descriptor.describe(places.views[view][:WARM_UP])
-        (map_, asked), seconds = clocked(lambda: [_in_batches(descriptor, p.views[view]) for p in (places, queries)])
-        each = 1e3 * seconds / (len(places) + len(queries))
-        return cls(map_, asked, settings_of(descriptor), fit_s, queries.view_ms[view], each)
-
-
-def _in_batches(descriptor: Descriptor, images: Bytes) -> Signatures:
-    return joined_signatures([descriptor.describe(images[i : i + BATCH]) for i in range(0, len(images), BATCH)])
-
-
-def clocked(action: Callable[[], T]) -> tuple[T, float]:
-    """What an action returns, and the seconds it took."""
+def timed(action: Callable[[], T]) -> tuple[T, float]:
+    """The result of a call, and its wall time in seconds."""
     start = time.perf_counter()
     result = action()
     return result, time.perf_counter() - start

@@ -1,4 +1,4 @@
-"""Figures that descriptors are compared in."""
+"""Cost against accuracy of descriptors: the Pareto front."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ FRONT, DOT = "#d1403f", "#2f6db3"
 
 
 def pareto(points: Mapping[str, tuple[float, float]], cost: str, gain: str, title: str) -> Figure:
-    """Cost (logarithmic) against gain; a line joins those that no other beats in both."""
+    """Cost (logarithmic) against gain; a line joins the Pareto front."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.6, 5.2), dpi=DPI, layout="constrained")
@@ -32,7 +32,7 @@ def pareto(points: Mapping[str, tuple[float, float]], cost: str, gain: str, titl
 
 
 def pareto_front(points: Mapping[str, tuple[float, float]]) -> list[str]:
-    """The names of points (cost, gain) than which no other is cheaper and at least as good, or better and as cheap."""
+    """The names of the points (cost, gain) on the Pareto front: no other is cheaper and at least as good, or better and as cheap."""
     return [
         name
         for name, (cost, gain) in points.items()

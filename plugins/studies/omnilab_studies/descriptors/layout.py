@@ -1,4 +1,4 @@
-"""How comparisons of descriptors look in a viewer."""
+"""Viewer layout of comparisons of descriptors."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ class ShortLists:
 
 def short_lists(chooser: Method, places: Described, queries: Described, count: int, record: Recorder) -> ShortLists:
     """The `count` places of a map that the chooser finds most alike to each query."""
-    index = prepared(chooser, places.signatures[chooser.descriptor_name], turning=True)
+    index = prepared(chooser, places.signatures[chooser.descriptor_name], rotated=True)
     start = time.perf_counter()
     with record.timed("search", len(queries.position_m)):
         match = chooser.distance.match(queries.signatures[chooser.descriptor_name], index)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from omnilab_studies.common.plots import _figure as blank
+from omnilab_studies.common.plots import blank_figure
 from omnilab_studies.local_maps.embedders import FittedMap
 from omnilab_studies.local_maps.topological_map.results import grid_edges
 
@@ -38,7 +38,7 @@ def errors(trials: Sequence[Trial], localizer: str) -> Figure:
     counts = list(dict.fromkeys(t.case.neighbours for t in trials))
     columns = min(4, len(names))
     rows = -(-len(names) // columns)
-    figure = blank(3.4 * columns, 2.9 * rows + 0.4)
+    figure = blank_figure(3.4 * columns, 2.9 * rows + 0.4)
     grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
     wide = 0.8 / len(counts)
     for axes, name in zip(grid.ravel(), names, strict=False):
@@ -88,7 +88,7 @@ def _dash() -> Any:
 
 def times(trials: Sequence[Trial]) -> Figure:
     """Milliseconds a query against the number of neighbours and the size of the map (thesis, figure 4.17)."""
-    figure = blank(10, 4)
+    figure = blank_figure(10, 4)
     left, right = figure.subplots(1, 2)
     makers = list(dict.fromkeys(t.case.localizer for t in trials))
     first, count = trials[0].case.step_m, trials[0].case.neighbours
@@ -125,7 +125,7 @@ def _curve(axes: Axes, points: Mapping[int, float], label: str, color: str) -> N
 
 def fitted(maps: Sequence[FittedMap]) -> Figure:
     """Local maps over the truth: a line joins where each place is and where its map has it, red for the query."""
-    figure = blank(3.2 * len(maps), 3.4)
+    figure = blank_figure(3.2 * len(maps), 3.4)
     for axes, one in zip(figure.subplots(1, len(maps), squeeze=False)[0], maps, strict=True):
         for truth, found in zip(one.truth_m, one.found_m, strict=True):
             axes.plot(*np.stack([truth, found], 1), "-", color=TRUTH, linewidth=0.8)
@@ -152,7 +152,7 @@ def drawn_maps(maps: Sequence[WholeMap]) -> Figure:
     rows = list(dict.fromkeys(one.case.method for one in maps))
     columns = list(dict.fromkeys(one.case[2:] for one in maps))
     span = np.ptp(maps[0].position_m[:, :2], axis=0)
-    figure = blank(3.0 * len(columns), len(rows) * (3.0 * float(span[1] / span[0]) + 0.75))
+    figure = blank_figure(3.0 * len(columns), len(rows) * (3.0 * float(span[1] / span[0]) + 0.75))
     grid = figure.subplots(len(rows), len(columns), squeeze=False)
     for axes in grid.flat:
         axes.set_axis_off()

@@ -46,7 +46,7 @@ class Attempts:
 
     def _goes_together(self, method: Method, lists: ShortLists) -> bool:
         try:
-            prepared(method, lists.places.signatures[method.descriptor_name], turning=True)
+            prepared(method, lists.places.signatures[method.descriptor_name], rotated=True)
         except DataError as reason:
             self.misfits[method.name] = f"{method.name}: {reason}"
         return method.name not in self.misfits

@@ -1,10 +1,10 @@
-"""How localisation in a map looks in a viewer."""
+"""Viewer layout of localisation in a map."""
 
 from __future__ import annotations
 
 from omnilab.api import Panel, ViewLayout
 
-PLACES = ViewLayout(
+LAYOUT = ViewLayout(
     columns=(
         (
             Panel("map", "Places and queries", ("room", "places", "camera", "estimate", "answers")),

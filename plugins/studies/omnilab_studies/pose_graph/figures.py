@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from omnilab.api import Bytes, Floats, Ints, PoseGraph
 from omnilab.posegraph.graph import edge_chi2, is_loop
-from omnilab_studies.common.comparison_plots import style_of
-from omnilab_studies.common.plots import _figure as blank
+from omnilab_studies.common.plots import blank_figure, style_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,7 +43,7 @@ def graphs(graph: PoseGraph, panels: Mapping[str, Floats], truth: Floats | None,
     rows = -(-len(panels) // columns)
     spans = [np.ptp(poses[:, :2], axis=0) for poses in panels.values()]
     ratio = np.clip(np.median([span[1] / max(span[0], 1e-9) for span in spans]), 0.5, HIGH)
-    figure = blank(4.6 * columns, rows * (4.3 * ratio + 0.7) + 0.3)
+    figure = blank_figure(4.6 * columns, rows * (4.3 * ratio + 0.7) + 0.3)
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes in grid[len(panels) :]:
         axes.set_axis_off()
@@ -91,7 +90,7 @@ def _ramp(figure: Figure, panels: Any) -> None:
 
 def growth(times_ms: Mapping[str, Floats]) -> Figure:
     """How long each pose took to add, and the running mean of a hundred."""
-    figure = blank(7.2, 3.4)
+    figure = blank_figure(7.2, 3.4)
     axes = figure.subplots()
     for (name, values), style in zip(times_ms.items(), style_of(list(times_ms)).values(), strict=True):
         axes.plot(values, ".", color=style["color"], markersize=2, alpha=0.35)

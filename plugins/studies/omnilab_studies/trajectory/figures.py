@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from omnilab.api import Bools, Floats, Ints
-from omnilab_studies.common.plots import _figure as blank
+from omnilab_studies.common.plots import blank_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,7 +29,7 @@ def paths(panels: Mapping[str, Floats], truth: Floats | None, closures: Ints, ri
     ratio = float(np.clip(spans[1] / max(spans[0], 1e-9), 0.45, HIGH))
     columns = min(3, len(panels))
     rows = -(-len(panels) // columns)
-    figure = blank(4.8 * columns, rows * (4.3 * ratio + 0.8))
+    figure = blank_figure(4.8 * columns, rows * (4.3 * ratio + 0.8))
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes in grid[len(panels) :]:
         axes.set_axis_off()
@@ -59,7 +59,7 @@ def _closures(axes: Axes, way: Floats, closures: Ints, right: Bools | None) -> N
 
 def errors(along_m: Floats, errors_m: Mapping[str, Floats]) -> Figure:
     """How far each trajectory (N,) is off along the true way (N,)."""
-    figure = blank(7.2, 3.2)
+    figure = blank_figure(7.2, 3.2)
     axes = figure.subplots()
     for (name, values), color in zip(errors_m.items(), LINES * len(errors_m), strict=False):
         axes.plot(along_m, values, color=color, linewidth=1.2, label=name)
@@ -72,7 +72,7 @@ def errors(along_m: Floats, errors_m: Mapping[str, Floats]) -> Figure:
 
 def times(times_ms: Floats) -> Figure:
     """How long each image took, over the images in the map, and the running median of fifty."""
-    figure = blank(7.2, 3.2)
+    figure = blank_figure(7.2, 3.2)
     axes = figure.subplots()
     axes.plot(times_ms, ".", color=LINES[0], markersize=2.5, alpha=0.4)
     window = min(50, len(times_ms))

@@ -24,8 +24,8 @@ from omnilab.api import (
 )
 from omnilab.errors import ConfigError
 from omnilab.posegraph.graph import matrices, vectors
-from omnilab_studies.common.describing import evenly
-from omnilab_studies.common.match_images import drawn
+from omnilab_studies.common.match_images import draw_matches
+from omnilab_studies.common.samples import evenly
 from omnilab_studies.trajectory.front_end import Mapper, Step
 
 PATH, CLOSURE = (108, 122, 143), (42, 200, 92)
@@ -104,7 +104,7 @@ class Way:
         self._flashed = len(closed) > 0
         if self.taken[-1] in self._shown or node == 0:
             record.log("query/image", Image(frame.images[0]), tick)
-            record.log("query/panorama", Image(drawn(frame, step.motion)), tick)
+            record.log("query/panorama", Image(draw_matches(frame, step.motion)), tick)
             if frame.T_world_camera is not None:
                 record.log("camera", Pose(frame.T_world_camera[0]), tick)
         if node and self.taken[-1] in self._stages:

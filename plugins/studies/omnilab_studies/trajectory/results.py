@@ -14,7 +14,7 @@ from omnilab.posegraph.files import g2o_text
 from omnilab.posegraph.graph import between, matrices, vectors
 from omnilab.trajectory.evaluation import Evaluation, path_length
 from omnilab.trajectory.files import kitti_text, tum_text
-from omnilab_studies.common.describing import statistics
+from omnilab_studies.common.samples import statistics
 from omnilab_studies.trajectory.front_end import Step, scaled
 from omnilab_studies.trajectory.loop_evaluation import Judged
 from omnilab_studies.trajectory.mapping_run import Way

@@ -26,8 +26,9 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, planar_poses
 from omnilab.posegraph.graph import matrices, vectors
 from omnilab.trajectory.evaluation import Alignment, aligned, evaluate, path_length
-from omnilab_studies.common.describing import deliver_queries, markdown_table
-from omnilab_studies.common.pose_sources import Source, plan_of_way
+from omnilab_studies.common.frames import deliver_queries
+from omnilab_studies.common.pose_sources import Source, plan_of_trajectory
+from omnilab_studies.common.tables import markdown_table
 from omnilab_studies.trajectory import figures, scale_estimation
 from omnilab_studies.trajectory.layout import LAYOUT
 from omnilab_studies.trajectory.loop_evaluation import Judged, judge
@@ -133,7 +134,7 @@ class Trajectory:
 
     def _plan(self, parts: Parts, rng: np.random.Generator) -> Plan:
         """The images of the way, in their order."""
-        plan = plan_of_way(parts.sensor, self.images, self.path, self.height_m)
+        plan = plan_of_trajectory(parts.sensor, self.images, self.path, self.height_m)
         if self.jitter:
             if plan.T_world_camera is None or self.images is Source.recorded:
                 raise ConfigError(f"study.jitter={self.jitter} would move recorded images; give 0")

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from omnilab.api import Floats
-from omnilab_studies.common.comparison_plots import style_of
-from omnilab_studies.common.plots import _figure as blank
+from omnilab_studies.common.plots import blank_figure, style_of
 from omnilab_studies.view_slam.consistency import ellipses
 from omnilab_studies.view_slam.display import Shown, error_bands
 from omnilab_studies.view_slam.drives import Drive
@@ -26,7 +25,7 @@ Rows = Sequence[Mapping[str, Any]]
 def against_range(rows: Rows, names: Sequence[str]) -> Figure:
     """RMS position error of filters and odometry against the range, bands of two standard deviations (figure 6)."""
     grounds = list(dict.fromkeys(row["scenario"] for row in rows))
-    figure = blank(5.2 * len(grounds), 4.0)
+    figure = blank_figure(5.2 * len(grounds), 4.0)
     for axes, ground in zip(figure.subplots(1, len(grounds), squeeze=False, sharey=True)[0], grounds, strict=True):
         own = [row for row in rows if row["scenario"] == ground]
         _errors(axes, own, "range_m", names)
@@ -36,7 +35,7 @@ def against_range(rows: Rows, names: Sequence[str]) -> Figure:
 
 def against_count(rows: Rows, times: Rows, names: Sequence[str]) -> Figure:
     """RMS error against the number of views, time of a step against it, one against the other (figure 7)."""
-    figure = blank(13.0, 4.0)
+    figure = blank_figure(13.0, 4.0)
     error, cost, both = figure.subplots(1, 3)
     _errors(error, rows, "views", names)
     error.set(xlabel="views N", ylabel="RMS error [m]", title="Error", ylim=(0, None))
@@ -62,7 +61,7 @@ def against_count(rows: Rows, times: Rows, names: Sequence[str]) -> Figure:
 def consistency(rows: Rows, key: str, label: str, names: Sequence[str]) -> Figure:
     """NEES, averaged over seeds and steps, and the share of steps within the 95 % bounds, against what was varied."""
     grounds = list(dict.fromkeys(row["scenario"] for row in rows))
-    figure = blank(5.2 * len(grounds), 6.0)
+    figure = blank_figure(5.2 * len(grounds), 6.0)
     panels = figure.subplots(2, len(grounds), squeeze=False)
     for (high, low), ground in zip(panels.T, grounds, strict=True):
         for name, style in style_of(list(names)).items():
@@ -83,7 +82,7 @@ def consistency(rows: Rows, key: str, label: str, names: Sequence[str]) -> Figur
 
 def drive(done: Drive, ground: Scenario, shown: Shown, name: str, range_m: float) -> Figure:
     """A drive from above, views with ellipses of two standard deviations, and the errors with theirs (figures 8 to 10)."""
-    figure = blank(11.5, 5.6)
+    figure = blank_figure(11.5, 5.6)
     left, right = np.asarray(figure.subfigures(1, 2, width_ratios=(1.1, 1)))
     above = left.subplots()
     for wall in ground.walls_m:
@@ -157,7 +156,7 @@ def mapped(truth: Floats, odometry: Floats, shown: Mapping[str, Mapped]) -> dict
     """For each filter: the ways (T, 3) from above with views and ellipses, and errors with bands (figures 8 to 10)."""
     made = {}
     for name, one in shown.items():
-        figure = blank(12.5, 5.6)
+        figure = blank_figure(12.5, 5.6)
         left, right = np.asarray(figure.subfigures(1, 2, width_ratios=(1.3, 1)))
         above = left.subplots()
         above.plot(*odometry[:, :2].T, "--", color="#e9a320", linewidth=1, label="odometry")

@@ -12,8 +12,8 @@ import numpy as np
 from omnilab.api import Camera, Floats, Frames, Parts, Plan, RecordedPoses, Recorder, Text
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses
-from omnilab_studies.common.dataset_files import DataSet, component, contents_of
-from omnilab_studies.common.describing import deliver
+from omnilab_studies.common.dataset_files import DataSet, component_settings, contents_of
+from omnilab_studies.common.frames import deliver
 
 KNOWN = "known"  # the sensor of views from before
 
@@ -48,7 +48,7 @@ class Keeper:
 
     def __init__(self, folder: str, parts: Parts, plan: Plan, seed: int, settings: Mapping[str, Any]) -> None:
         asked = {"odometry": parts.odometry, **parts.odometries, **parts.sensors, **parts.view_filters}
-        components = {name: component(part) for name, part in asked.items()}
+        components = {name: component_settings(part) for name, part in asked.items()}
         self._contents = {**contents_of(parts, plan, seed), "seed": seed, "asked": components, "settings": settings}
         self._data = DataSet(Path(folder), "study.keep")
         self._data.open(self._contents)

@@ -30,9 +30,11 @@ from omnilab.image import panorama
 from omnilab.posegraph.graph import matrices, moved, vectors
 from omnilab.trajectory.evaluation import path_length, rms
 from omnilab.trajectory.files import tum_text
-from omnilab_studies.common.describing import deliver_queries, evenly, markdown_table
-from omnilab_studies.common.match_images import pair
-from omnilab_studies.common.pose_sources import Source, plan_of_way
+from omnilab_studies.common.frames import deliver_queries
+from omnilab_studies.common.match_images import draw_image_pair
+from omnilab_studies.common.pose_sources import Source, plan_of_trajectory
+from omnilab_studies.common.samples import evenly
+from omnilab_studies.common.tables import markdown_table
 from omnilab_studies.view_slam import figures
 from omnilab_studies.view_slam.consistency import errors, nees, nees_bounds
 from omnilab_studies.view_slam.display import ODOMETRY, TRUTH, Bearings, line, show_errors, show_step
@@ -113,7 +115,7 @@ class ViewSlam:
 
     def _plan(self, parts: Parts) -> Plan:
         """The images of the way, in their order."""
-        plan = plan_of_way(parts.sensor, self.images, self.path, self.height_m)
+        plan = plan_of_trajectory(parts.sensor, self.images, self.path, self.height_m)
         if self.images is Source.path and plan.T_world_camera is not None and len(plan) > 1:
             plan = parts.sensor.plan(PathPoses(spaced(plan.T_world_camera, self.every_m, self.every_rad)))
         if plan.T_world_camera is None:
@@ -250,10 +252,10 @@ class _Way:
         now = panorama(frame.images, frame.camera)[0]
         best = max(found.compared, key=lambda view: agreeing(found.compared[view]), default=None)
         if best is None:
-            self._record.log("query/panorama", Image(pair(now, None, None)), tick)
+            self._record.log("query/panorama", Image(draw_image_pair(now, None, None)), tick)
         else:
             kept = self._panoramas[mapper.images[best]]
-            self._record.log("query/panorama", Image(pair(now, kept, found.compared[best])), tick)
+            self._record.log("query/panorama", Image(draw_image_pair(now, kept, found.compared[best])), tick)
 
 
 # -------------------------------------------------------------------------------------------------------------- results

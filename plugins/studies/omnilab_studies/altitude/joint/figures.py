@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from omnilab.api import Floats
-from omnilab_studies.common.plots import COLORS
-from omnilab_studies.common.plots import _figure as blank
+from omnilab_studies.common.plots import COLORS, blank_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,7 +18,7 @@ ROOM_M = 0.5  # shown above and below the true heights
 
 def joint(rows: Sequence[Mapping[str, Any]], pairs: tuple[Floats, Floats]) -> Figure:
     """Answers against the height of the queries, and told against true height over the answered place."""
-    figure = blank(9.6, 4.0)
+    figure = blank_figure(9.6, 4.0)
     left, right = figure.subplots(1, 2)
     offsets = [row["offset_m"] for row in rows]
     left.fill_between(

@@ -13,12 +13,13 @@ from omnilab.errors import ConfigError
 from omnilab.metrics import bootstrap
 from omnilab_studies.altitude.joint import figures
 from omnilab_studies.altitude.joint.layout import LAYOUT
-from omnilab_studies.common.comparison import columns_of
-from omnilab_studies.common.describing import deliver_queries, describe, describe_places, fitted, show_frame
+from omnilab_studies.common.describing import describe, describe_places, fitted
+from omnilab_studies.common.frames import deliver_queries
 from omnilab_studies.common.grids import check_extent, check_step, grid_poses
 from omnilab_studies.common.localization_run import LocalizationRun, estimate_of
-from omnilab_studies.common.scores import Scored, joined, score
-from omnilab_studies.common.tables import markdown
+from omnilab_studies.common.logs import show_frame
+from omnilab_studies.common.scores import ScoredEstimates, joined_estimates, score
+from omnilab_studies.common.tables import columns_of, markdown
 
 OFFSET_NS = 100_000_000  # between two heights, in the logs
 LEVEL_M = 0.05  # rises below it have no sign that one could miss
@@ -102,7 +103,7 @@ class Joint:
                 tick = Tick(step, OFFSET_NS * step)
                 show_frame(run.record, frames, 0, signatures.place[0], tick)
                 run.record.log("estimate", estimate_of(scored[0], 0), tick)
-        whole = joined(scored)
+        whole = joined_estimates(scored)
         return Asked(offset_m, whole, np.concatenate(told), whole.truth_m[:, 2] - run.places_m[whole.place, 2], unit)
 
 
@@ -110,7 +111,7 @@ class Asked(NamedTuple):
     """The answers at one height."""
 
     offset_m: float
-    scored: Scored
+    scored: ScoredEstimates
     told: Floats  # (Q,) in the altimeter's unit, NaN where it could not tell
     rise_m: Floats  # (Q,) how much higher than the answered place the query was taken
     unit: str

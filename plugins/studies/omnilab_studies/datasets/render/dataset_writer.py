@@ -18,7 +18,7 @@ import numpy as np
 from omnilab.api import Camera, Disturbance, Ints, Plan, Sensor
 from omnilab.errors import DataError
 from omnilab_studies.common.dataset_files import DataSet, describe_camera
-from omnilab_studies.common.describing import disturbed
+from omnilab_studies.common.frames import disturbed
 
 PART = 64  # frames that are made at a time
 _JOBS: list[Job] = []  # of a worker process: its one job

@@ -36,11 +36,12 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of
 from omnilab.image import panorama
 from omnilab.trajectory.files import read_trajectory
-from omnilab_studies.common import plots
 from omnilab_studies.common.dataset_files import DataSet, contents_of
-from omnilab_studies.common.describing import evenly, markdown_table
 from omnilab_studies.common.grids import check_extent, grid_poses
-from omnilab_studies.common.image_columns import column
+from omnilab_studies.common.image_columns import column_poses
+from omnilab_studies.common.samples import evenly
+from omnilab_studies.common.tables import markdown_table
+from omnilab_studies.datasets.render import figures
 from omnilab_studies.datasets.render.dataset_writer import Found, Job, Made, made
 from omnilab_studies.datasets.render.layout import LAYOUT
 from omnilab_studies.datasets.render.point_cloud import cloud_of, write_ply
@@ -164,7 +165,7 @@ class Render:
         for sentence in [*plan.omitted, *found.omitted]:
             record.log("log", Text(f"left out: {sentence}"))
         record.log("summary", Text(markdown_table(metrics, str(data.folder)), markdown=True))
-        return Report(metrics, figures={"images": plots.sheet(*_examples(data, numbers, plan))})
+        return Report(metrics, figures={"images": figures.sheet(*_examples(data, numbers, plan))})
 
     def _asked(self, seed: int) -> tuple[PoseRequest, Ints | None]:
         """The layout, and when its images are taken where a file tells it."""
@@ -174,7 +175,7 @@ class Render:
             case Where.grid:
                 return grid, None
             case Where.column:
-                return PathPoses(column(self.positions_m or [[0.0, 0.0]], self.heights_m or HEIGHTS_M)), None
+                return PathPoses(column_poses(self.positions_m or [[0.0, 0.0]], self.heights_m or HEIGHTS_M)), None
             case Where.path:
                 if Path(str(self.path)).suffix == "":
                     return NamedPath(str(self.path), self.height_m), None
@@ -243,7 +244,7 @@ def _metrics(data: DataSet, found: Found, plan: Plan) -> list[Metric]:
 
 def _examples(data: DataSet, numbers: Ints, plan: Plan) -> Iterator[Any]:
     """What the sheet of images shows."""
-    chosen = numbers[evenly(len(numbers), plots.SHEET)]
+    chosen = numbers[evenly(len(numbers), figures.SHEET)]
     yield [data.read(n) for n in chosen.tolist()]
     yield chosen
     yield None if plan.T_world_camera is None else plan.T_world_camera[numbers]

@@ -27,8 +27,9 @@ from omnilab.cameras import RayCamera
 from omnilab.errors import ConfigError
 from omnilab.geometry import poses, rotation_xyz
 from omnilab.image import panorama, point_cloud, to_color
-from omnilab_studies.common import plots
-from omnilab_studies.common.describing import deliver, markdown_table
+from omnilab_studies.common.frames import deliver
+from omnilab_studies.common.tables import markdown_table
+from omnilab_studies.datasets.views import figures
 from omnilab_studies.datasets.views.layout import layout_of
 
 FIGURE_3_10 = [  # the thesis's, from a place that is clear in both rooms: up by 0.4 m, 1.5 m aside, turned by 60 and 50 degrees
@@ -83,9 +84,9 @@ class Views:
 
         metrics = _metrics(pictures, clouds)
         record.log("summary", Text(_summary(metrics, self.poses), markdown=True))
-        drawn: dict[str, Any] = {"views": plots.views(pictures, unwrapped, self.poses)}
+        drawn: dict[str, Any] = {"views": figures.views(pictures, unwrapped, self.poses)}
         if clouds:
-            drawn["cloud"] = plots.cloud(clouds[0].points_m, clouds[0].colors)
+            drawn["cloud"] = figures.cloud(clouds[0].points_m, clouds[0].colors)
         return Report(metrics, {}, drawn)
 
     def _clouds(self, frames: Frames, rng: np.random.Generator) -> list[PointCloud]:

@@ -1,4 +1,4 @@
-"""What descriptors and distances cost: time and memory, and what one gets for it."""
+"""Time and memory of descriptors and distances, against the rate of nearest estimates."""
 
 from __future__ import annotations
 
@@ -9,30 +9,27 @@ from typing import Any, ClassVar
 import numpy as np
 
 from omnilab.api import (
+    Descriptor,
     GridPoses,
     Metric,
     Parts,
     PlaceMap,
     PoseRequest,
-    RandomPoses,
     RecordedPoses,
     Recorder,
     Report,
-    Text,
 )
 from omnilab.errors import ConfigError, DataError
 from omnilab.metrics import distances_to, verdicts
-from omnilab_studies.common.describing import deliver, deliver_queries
+from omnilab_studies.common.frames import deliver, deliver_queries
 from omnilab_studies.common.grids import check_extent, check_step_or_every, grid_poses
-from omnilab_studies.common.methods import (
-    Method,
-    descriptors_of,
-    methods_of,
-    prepared,
-)
-from omnilab_studies.common.tables import markdown
-from omnilab_studies.common.timing import Described, Pictures, clocked
+from omnilab_studies.common.logs import start_logs
+from omnilab_studies.common.methods import Method, descriptors_of, key_of, methods_of, prepared
+from omnilab_studies.common.pose_sources import random_poses
+from omnilab_studies.common.tables import columns_of, markdown
+from omnilab_studies.common.timing import timed
 from omnilab_studies.descriptors.cost import figures
+from omnilab_studies.descriptors.cost.timed_signatures import TimedImages, TimedSignatures
 from omnilab_studies.descriptors.figures import pareto
 from omnilab_studies.descriptors.layout import layout_of
 
@@ -44,9 +41,9 @@ class Cost:
     """Time and memory of every descriptor and distance (Payá et al., 2016, figures 4-6, table 4).
 
     Places of a grid and queries are described and compared as `grid` does. Times are those of the process on this
-    machine, averaged over all images or queries, after a warm-up: for the view that the descriptor wants (unwrapping a
-    panorama), for describing it, for making the map ready, and for one query against the map. Beside them stand the
-    bytes a place takes and the rate of answers than which no place lies closer.
+    machine, averaged over all images or queries, after a warm-up: of the view that the descriptor wants (unwrapping a
+    panorama), of its description, of preparing the map, and of one query against the map. Beside them stand the bytes of
+    a place and the rate of nearest estimates.
     """
 
     step_m: float | None = 0.4  # of the grid of places; null: take `every` n-th row and column of a recording
@@ -57,7 +54,7 @@ class Cost:
     height_m: float | None = None  # of the viewpoint; null: the sensor's own
 
     needs: ClassVar[tuple[str, ...]] = ("sensor",)
-    cached: ClassVar[bool] = False  # what comes from a cache tells nothing about a descriptor's time
+    cached: ClassVar[bool] = False  # a cached signature takes no time
 
     def __post_init__(self) -> None:
         check_step_or_every(self.step_m, self.every)
@@ -70,26 +67,37 @@ class Cost:
         check_extent(self.extent_m)
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
-        """Take images, describe them by every descriptor, compare by every distance, with a clock at hand."""
+        """Take images, describe them by every descriptor, compare by every distance, measure the time of each."""
         methods = methods_of(parts)
-        descriptors = descriptors_of(methods)
-        record.log("", layout_of())
-        if scene := parts.sensor.scene():
-            record.log("room", scene)
-
-        # images of places and queries, in every view that is asked for
-        plan, grid = parts.sensor.plan(self._queries(rng)), parts.sensor.plan(self._grid())
-        places = Pictures.of(deliver(parts, grid, record, "places"), descriptors, record)
-        queries = Pictures.of(deliver_queries(parts, plan, record, int(rng.integers(2**32))), descriptors, record)
+        start_logs(record, layout_of(), parts.sensor)
+        places, queries, omitted = self._images(parts, descriptors_of(methods), record, rng)
         record.log("places", PlaceMap(places.position_m))
+        described = _describe(descriptors_of(methods), places, queries, record)
+        rows, misfits = self._compare(methods, described, places, queries, record)
+        table = columns_of(rows)
+        return Report(
+            _metrics(rows, places, queries, omitted, misfits),
+            {"times": table},
+            _figures(rows),
+            summary=_summary(table, places, queries),
+            omitted=[*misfits, *omitted],
+        )
 
-        # every descriptor on its own
-        described = {
-            name: Described.by(descriptor, places, queries)
-            for name, descriptor in record.track(descriptors.items(), "describe", len(descriptors), lambda _: 1)
-        }
+    def _images(
+        self, parts: Parts, descriptors: Mapping[str, Descriptor], record: Recorder, rng: np.random.Generator
+    ) -> tuple[TimedImages, TimedImages, list[str]]:
+        """Places and queries, in every view that a descriptor wants; and what was left out."""
+        plan, grid = parts.sensor.plan(self._query_poses(rng)), parts.sensor.plan(self._grid())
+        places = TimedImages.of(deliver(parts, grid, record, "places"), descriptors, record)
+        batches = deliver_queries(parts, plan, record, int(rng.integers(2**32)))
+        queries = TimedImages.of(batches, descriptors, record)
+        return places, queries, [*grid.omitted, *places.omitted, *plan.omitted, *queries.omitted]
 
-        # every distance on top
+    def _compare(
+        self, methods: Sequence[Method], described: Mapping[str, TimedSignatures], places: TimedImages,
+        queries: TimedImages, record: Recorder,
+    ) -> tuple[list[Row], list[str]]:  # fmt: skip
+        """One row a method; and why other distances cannot compare the signatures. DataError if none can."""
         rows: list[Row] = []
         misfits: list[str] = []
         for method in record.track(methods, "compare", len(methods), lambda _: 1):
@@ -99,28 +107,21 @@ class Cost:
                 misfits.append(f"{method.name}: {reason}")
         if not rows:
             raise DataError(f"none of the distances can compare any of the signatures ({misfits[0]}); choose others")
-
-        # what it amounts to
-        omitted = [*grid.omitted, *places.omitted, *plan.omitted, *queries.omitted]
-        table = {name: [row[name] for row in rows] for name in rows[0]}
-        record.log("summary", Text(_summary(table, places, queries), markdown=True))
-        for sentence in [*misfits, *omitted]:
-            record.log("log", Text(f"left out: {sentence}"))
-        return Report(_metrics(rows, places, queries, omitted, misfits), {"times": table}, _figures(rows))
+        return rows, misfits
 
     def _grid(self) -> GridPoses:
         return grid_poses(self.step_m, self.every, self.extent_m, self.height_m)
 
-    def _queries(self, rng: np.random.Generator) -> PoseRequest:
+    def _query_poses(self, rng: np.random.Generator) -> PoseRequest:
         if self.every is not None:
             return RecordedPoses(without=self._grid())
-        return RandomPoses(self.query_count, int(rng.integers(2**32)), None, self._grid().extent_m, self.height_m)
+        return random_poses(self.query_count, int(rng.integers(2**32)), None, self.extent_m, self.height_m)
 
-    def _row(self, method: Method, described: Described, places: Pictures, queries: Pictures) -> Row:
+    def _row(self, method: Method, described: TimedSignatures, places: TimedImages, queries: TimedImages) -> Row:
         """One method's line of the table; DataError if the distance cannot compare such signatures."""
         method.distance.match(described.queries[slice(1)], prepared(method, described.places))  # the warm-up
-        index, prepare_s = clocked(lambda: method.distance.prepare(described.places))
-        runs = [clocked(lambda: method.distance.match(described.queries, index)) for _ in range(self.repeats)]
+        index, prepare_s = timed(lambda: method.distance.prepare(described.places))
+        runs = [timed(lambda: method.distance.match(described.queries, index)) for _ in range(self.repeats)]
         query_ms = 1e3 * min(seconds for _, seconds in runs) / len(described.queries)
         answer = runs[0][0].distance.argmin(axis=1)
         nearest = verdicts(distances_to(queries.position_m, places.position_m), answer) == "nearest"
@@ -140,10 +141,20 @@ class Cost:
         }
 
 
+def _describe(
+    descriptors: Mapping[str, Descriptor], places: TimedImages, queries: TimedImages, record: Recorder
+) -> dict[str, TimedSignatures]:
+    """The signatures by every descriptor."""
+    return {
+        name: TimedSignatures.by(descriptor, places, queries)
+        for name, descriptor in record.track(descriptors.items(), "describe", len(descriptors), lambda _: 1)
+    }
+
+
 def _metrics(
-    rows: Sequence[Row], places: Pictures, queries: Pictures, omitted: Sequence[str], misfits: Sequence[str]
+    rows: Sequence[Row], places: TimedImages, queries: TimedImages, omitted: Sequence[str], misfits: Sequence[str]
 ) -> list[Metric]:
-    """Bytes and rates alone: times are not the same twice."""
+    """Bytes and rates alone: times differ from run to run."""
     found = [
         Metric("nearest_best", max(row["nearest_rate"] for row in rows), "1"),
         Metric("bytes_least", min(row["bytes"] for row in rows), "B"),
@@ -153,16 +164,12 @@ def _metrics(
         Metric("queries", len(queries), "1"),
         Metric("left_out", len(omitted), "1"),
     ]
-    found += [Metric(f"nearest_{_name(row)}", row["nearest_rate"], "1") for row in rows]
+    found += [Metric(f"nearest_{key_of(row['method'])}", row["nearest_rate"], "1") for row in rows]
     bytes_of = {row["descriptor"]: row["bytes"] for row in rows}
     return found + [Metric(f"bytes_{name}", value, "B") for name, value in bytes_of.items()]
 
 
-def _name(row: Row) -> str:
-    return str(row["method"]).replace(" + ", "_")
-
-
-def _summary(table: Mapping[str, Sequence[Any]], places: Pictures, queries: Pictures) -> str:
+def _summary(table: Mapping[str, Sequence[Any]], places: TimedImages, queries: TimedImages) -> str:
     title = f"## Cost, {len(places)} places, {len(queries)} queries"
     hidden = {"method", "parameters", "localise_ms"}
     return "\n".join([title, "", markdown({k: column for k, column in table.items() if k not in hidden})])

@@ -1,4 +1,4 @@
-"""Straight lines of a grid, and how evenly a distance grows along them."""
+"""Straight lines on a grid, and the curve of image distance over metric distance along them."""
 
 from __future__ import annotations
 
@@ -39,15 +39,17 @@ class Curve:
 
     @property
     def slope(self) -> float:
-        """Image distance per metre."""
+        """Image distance per metre, of the least squares line through (0, 0)."""
         return float(self.distance_m @ self.mean / (self.distance_m @ self.distance_m))
 
     @property
     def r2_centred(self) -> float:
+        """r2 against deviations from the mean."""
         return self._explained(float(self.mean.mean()))
 
     @property
     def r2_origin(self) -> float:
+        """r2 against deviations from 0."""
         return self._explained(0.0)
 
     @property
@@ -58,7 +60,7 @@ class Curve:
         return float(self.distance_m[count - 1]) if count else 0.0
 
     def _explained(self, level: float) -> float:
-        """0 for a curve that stays on the level: there is nothing to explain."""
+        """r2 against deviations from a level; 0 for a curve that stays on the level."""
         deviations = float(np.sum((self.mean - level) ** 2))
         residuals = float(np.sum((self.mean - self.slope * self.distance_m) ** 2))
         return 1 - residuals / deviations if deviations > 0 else 0.0
@@ -89,9 +91,10 @@ def lines_on_grid(position_m: Floats, step_m: float, reach_m: float, references:
 
 
 def _lines_from(reference: int, cells: Ints, node_at: dict[tuple[int, int], int], count: int) -> list[list[int]]:
+    """The whole lines of `count` + 1 nodes from a reference, in up to four directions."""
     x, y = (int(value) for value in cells[reference])
-    ways = [
+    lines = [
         [node_at.get((x + k * along, y + k * across), -1) for k in range(count + 1)]
         for along, across in ((1, 0), (0, 1), (-1, 0), (0, -1))
     ]
-    return [way for way in ways if way[0] == reference and min(way) >= 0]
+    return [line for line in lines if line[0] == reference and min(line) >= 0]

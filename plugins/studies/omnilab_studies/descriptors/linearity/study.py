@@ -1,4 +1,4 @@
-"""Study G: does the distance between images grow like the distance between the places?"""
+"""Study G: distance between images against metric distance (Payá et al., 2016)."""
 
 from __future__ import annotations
 
@@ -20,19 +20,20 @@ from omnilab.api import (
     Report,
     Series,
     Signatures,
-    Text,
     Tick,
 )
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses
-from omnilab_studies.common.describing import deliver, show_picture
+from omnilab_studies.common.frames import deliver
 from omnilab_studies.common.grids import check_extent, grid_poses
+from omnilab_studies.common.logs import show_picture, start_logs
 from omnilab_studies.common.methods import (
     Method,
     describe_all,
     descriptors_of,
     fitted_all,
     joined_signatures,
+    key_of,
     methods_of,
     prepared,
     settings_of,
@@ -61,7 +62,7 @@ class Linearity:
     reach_m: float = 2.2  # length of the lines
     references: int = 24  # places that lines start from, drawn at random; each has one to four lines
     every: int | None = None  # of a recording, whose every n-th row and column are step_m apart
-    random_headings: bool = False  # turn the camera at every place; only for sensors that image any pose
+    random_headings: bool = False  # at every place; only for sensors that image any pose
     extent_m: list[float] | None = None  # x and y size of the grid; null: all that the sensor covers
     height_m: float | None = None  # of the viewpoint; null: the sensor's own
     show: int = 50  # images that go into the logs
@@ -86,49 +87,40 @@ class Linearity:
         """Draw lines, describe their images, compare the first image of each with the others, fit."""
         if parts.disturbances:
             raise ConfigError("linearity has no queries to disturb; leave disturbance out")
-        record.log("", layout_of(list(descriptors_of(methods_of(parts)))))
-        if scene := parts.sensor.scene():
-            record.log("room", scene)
-
-        # the lines, and the images they are made of
+        start_logs(record, layout_of(list(descriptors_of(methods_of(parts)))), parts.sensor)
         grid = parts.sensor.plan(self._grid())
-        position_m = known_poses(grid.T_world_camera, "images")[:, :3, 3]
-        lines = lines_on_grid(position_m, self.step_m, self.reach_m, self.references, rng)
-        nodes = np.unique(lines)
-        plan = self._turned(grid.at(nodes), parts, rng)
-        record.log("places", PlaceMap(position_m[nodes]))
+        lines, nodes = self._lines(grid, record, rng)
+        plan = self._with_headings(grid.at(nodes), parts, rng)
 
-        # every image described by every descriptor
         parts = fitted_all(parts, plan, record)
         methods = methods_of(parts)
         signatures, delivered, omitted = self._describe(parts, methods, plan, record)
         omitted = [*grid.omitted, *omitted]
         lines = _complete(np.searchsorted(nodes, lines), delivered)
+        curves, misfits = self._curves(methods, signatures, lines, record)
 
-        # the curve of every method
-        curves: dict[str, Curve] = {}
-        misfits: list[str] = []
-        for method in record.track(methods, "compare", len(methods), lambda _: 1):
-            try:
-                curves[method.name] = self._curve(method, signatures[method.descriptor_name], lines, record)
-                _log(record, method.name, curves[method.name])
-            except DataError as reason:
-                misfits.append(f"{method.name}: {reason}")
-        if not curves:
-            raise DataError(f"none of the distances can compare any of the signatures ({misfits[0]}); choose others")
-
-        # what it amounts to
         table = _table([method for method in methods if method.name in curves], curves, signatures)
-        metrics = _metrics(curves, lines, omitted, misfits)
-        record.log("summary", Text(_summary(table, lines), markdown=True))
-        for sentence in [*misfits, *omitted]:
-            record.log("log", Text(f"left out: {sentence}"))
-        return Report(metrics, {"linearity": table, "curves": _points(curves)}, _figures(methods, curves, table))
+        return Report(
+            _metrics(curves, lines, omitted, misfits),
+            {"linearity": table, "curves": _points(curves)},
+            _figures(methods, curves, table),
+            summary=_summary(table, lines),
+            omitted=[*misfits, *omitted],
+        )
+
+    def _lines(self, grid: Plan, record: Recorder, rng: np.random.Generator) -> tuple[Ints, Ints]:
+        """Lines (A, n + 1) of indices into the grid, and the nodes that they have, each once."""
+        position_m = known_poses(grid.T_world_camera, "images")[:, :3, 3]
+        lines = lines_on_grid(position_m, self.step_m, self.reach_m, self.references, rng)
+        nodes = np.unique(lines)
+        record.log("places", PlaceMap(position_m[nodes]))
+        return lines, nodes
 
     def _grid(self) -> GridPoses:
         return grid_poses(self.step_m if self.every is None else None, self.every, self.extent_m, self.height_m)
 
-    def _turned(self, plan: Plan, parts: Parts, rng: np.random.Generator) -> Plan:
+    def _with_headings(self, plan: Plan, parts: Parts, rng: np.random.Generator) -> Plan:
+        """The plan with random headings where the settings say so."""
         if not self.random_headings:
             return plan
         position_m = known_poses(plan.T_world_camera, "images")[:, :3, 3]
@@ -152,6 +144,22 @@ class Linearity:
         if not delivered:
             raise DataError("the sensor delivered no images for the study's lines; look at what it left out")
         return {name: joined_signatures(b) for name, b in batches.items()}, np.concatenate(delivered), omitted
+
+    def _curves(
+        self, methods: Sequence[Method], signatures: Mapping[str, Signatures], lines: Ints, record: Recorder
+    ) -> tuple[dict[str, Curve], list[str]]:
+        """The curve of each method; and why other distances cannot compare the signatures. DataError if none can."""
+        curves: dict[str, Curve] = {}
+        misfits: list[str] = []
+        for method in record.track(methods, "compare", len(methods), lambda _: 1):
+            try:
+                curves[method.name] = self._curve(method, signatures[method.descriptor_name], lines, record)
+                _log(record, method.name, curves[method.name])
+            except DataError as reason:
+                misfits.append(f"{method.name}: {reason}")
+        if not curves:
+            raise DataError(f"none of the distances can compare any of the signatures ({misfits[0]}); choose others")
+        return curves, misfits
 
     def _curve(self, method: Method, signatures: Signatures, lines: Ints, record: Recorder) -> Curve:
         """Mean and variance over the lines (A, n + 1); DataError if the distance cannot compare such signatures."""
@@ -220,12 +228,12 @@ def _metrics(curves: Mapping[str, Curve], lines: Ints, omitted: list[str], misfi
         Metric("references", len(np.unique(lines[:, 0])), "1"),
         Metric("images", len(np.unique(lines)), "1"),
         Metric("left_out", len(omitted), "1"),
-        *(Metric(f"r2_{name.replace(' + ', '_')}", curve.r2_centred, "1") for name, curve in curves.items()),
+        *(Metric(f"r2_{key_of(name)}", curve.r2_centred, "1") for name, curve in curves.items()),
     ]
 
 
 def _summary(table: Table, lines: Ints) -> str:
-    """The best first."""
+    """The methods by r², the best first."""
     shown = ("descriptor", "distance", "slope_per_m", "r2_centred", "r2_origin", "monotone_m", "bytes")
     order = np.argsort(table["r2_centred"])[::-1]
     title = f"## Image distance against metric distance, {len(lines)} lines"

@@ -1,12 +1,11 @@
-"""Figures of sizes against success and time."""
+"""Figures of the study `resolution`."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from omnilab_studies.common.comparison_plots import CURVES, MARKERS
-from omnilab_studies.common.plots import _figure as blank
+from omnilab_studies.common.plots import CURVES, MARKERS, blank_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,8 +28,8 @@ def _styles(curves: Curves) -> dict[tuple[str, str], dict[str, Any]]:
 
 
 def resolution(curves: Curves) -> Figure:
-    """Rates of nearest answers and times of one query, size by size (thesis, figure 4.22)."""
-    figure = blank(11.5, 4.6)
+    """Rates of nearest estimates and times of one query, size by size (thesis, figure 4.22)."""
+    figure = blank_figure(11.5, 4.6)
     left, right = figure.subplots(1, 2)
     styles = _styles(curves)
     sizes = [row["size"] for row in next(iter(curves.values()))]
@@ -54,7 +53,7 @@ def resolution(curves: Curves) -> Figure:
 
 def pareto(curves: Curves) -> Figure:
     """Cost against accuracy: bytes of a place, and time of a query, with any heading."""
-    figure = blank(10.5, 4.4)
+    figure = blank_figure(10.5, 4.4)
     left, right = figure.subplots(1, 2, sharey=True)
     for curve, rows in curves.items():
         if curve[1] != "any":

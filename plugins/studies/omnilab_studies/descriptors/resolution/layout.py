@@ -1,4 +1,4 @@
-"""How the study `resolution` looks in a viewer."""
+"""Viewer layout of the study `resolution`."""
 
 from __future__ import annotations
 

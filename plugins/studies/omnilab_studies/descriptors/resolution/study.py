@@ -1,4 +1,4 @@
-"""Study E: how small a descriptor may be."""
+"""Study E: size of a descriptor against success and time (thesis, figure 4.22)."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from omnilab.api import (
     Answers,
+    Floats,
     Metric,
     Parts,
     PathPoses,
@@ -17,25 +18,27 @@ from omnilab.api import (
     Recorder,
     Report,
     Series,
-    Text,
     Tick,
 )
 from omnilab.errors import ConfigError, did_you_mean
 from omnilab.metrics import VERDICTS
-from omnilab_studies.common.describing import deliver, show_signature
-from omnilab_studies.common.free_area import check_square, free_square, headed, positions_within
-from omnilab_studies.common.method_runs import Cost, MethodRuns
+from omnilab_studies.common.frames import deliver
+from omnilab_studies.common.free_area import check_square, free_square, poses_with_headings, positions_within
+from omnilab_studies.common.logs import show_signature, start_logs
+from omnilab_studies.common.method_runs import MethodCost, MethodRuns
 from omnilab_studies.common.methods import Method
-from omnilab_studies.common.scores import Scored, joined
+from omnilab_studies.common.scores import ScoredEstimates, joined_estimates, known_poses
+from omnilab_studies.common.tables import columns_of
 from omnilab_studies.descriptors.resolution import figures
 from omnilab_studies.descriptors.resolution.layout import LAYOUT
 
-ANY, ON_GRID = "any", "on_grid"  # headings
+ANY, ON_GRID = "any", "on_grid"  # kinds of headings
 POINT = 0.01  # of the rate: so much less than the largest size counts as the same
 SIZE_NS = 100_000_000  # between two sizes, in the logs
 THESIS = [[709, 360], [355, 180], [173, 180], [173, 90], [173, 45], [87, 90], [87, 45], [43, 45], [22, 6]]
 
 Row = dict[str, Any]
+Key = tuple[str, str]  # a method or a distance, and the kind of headings
 
 
 @dataclass
@@ -43,8 +46,8 @@ class Resolution:
     """Study E: a descriptor in several sizes, against success and time (Berenguer, thesis, 4.6.5, figure 4.22).
 
     `side` x `side` places and queries at the same positions for all sizes, once with headings on the angle grid of each
-    size, where a turn shifts its samples by whole ones, and once with any heading. The first size is the one that others
-    are held against; `smallest` is the size with fewest numbers whose rate of nearest answers is at most one point below.
+    size, where a rotation shifts its samples by whole ones, and once with any heading. The first size is the
+    reference; `smallest` is the size with fewest numbers whose rate of nearest answers is at most one point below.
     """
 
     side: int = 8  # places along x and along y
@@ -68,42 +71,22 @@ class Resolution:
             raise ConfigError(f"study.sizes={self.sizes} has a size twice; give each once")
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
-        """Describe the map in every size, ask with both kinds of headings, score."""
-        record.log("", LAYOUT)
-        if scene := parts.sensor.scene():
-            record.log("room", scene)
+        """Describe the map in every size, localise queries with both kinds of headings, score."""
+        start_logs(record, LAYOUT, parts.sensor)
         sizes = self._sized(parts.descriptor)
         distances = parts.distances or {"distance": parts.distance}
-
-        # the map: described in every size
         grid = free_square(parts.sensor, self.side, self.step_m, self.center_m, self.height_m)
-        assert grid.T_world_camera is not None
-        record.log("places", PlaceMap(grid.T_world_camera[:, :3, 3]))
+        record.log("places", PlaceMap(known_poses(grid.T_world_camera, "places")[:, :3, 3]))
         runs = MethodRuns(replace(parts, descriptors=sizes, distances=distances), grid, record)
 
-        # the queries: the same positions with any heading, and with the headings of each angle grid
         at, share = positions_within(grid, self.query_count, rng), rng.random(self.query_count)
-        answered: dict[tuple[str, str], Scored] = {}  # of a method, for a kind of headings
-        answered |= self._ask(parts, runs, list(sizes), headed(at, share), ANY, "queries, any heading", record)
-        first = next(iter(answered.values()))
-        record.log("answers", Answers(first.truth_m, first.answer_m, list(first.verdict)))
-        for angles in dict.fromkeys(size[1] for size in self.sizes):
-            names = [name for name, size in zip(sizes, self.sizes, strict=True) if size[1] == angles]
-            answered |= self._ask(
-                parts, runs, names, headed(at, share, angles), ON_GRID, f"queries, {angles} headings", record
-            )
-
-        # what it amounts to
-        rows = self._rows(runs, distances, answered)
-        for curve, own in _curves(rows).items():
-            steps = np.arange(len(own))
-            values = np.array([row["nearest_rate"] for row in own])
-            record.log("nearest/" + "_".join(curve), Series(values, steps, SIZE_NS * steps, "1"))
-        record.log("summary", Text(_markdown(rows), markdown=True))
-        drawn = {"resolution": figures.resolution(_curves(rows)), "pareto": figures.pareto(_curves(rows))}
-        return Report(
-            _metrics(rows, self.settings), {"resolution": {key: [row[key] for row in rows] for key in rows[0]}}, drawn
-        )
+        scored = self._localize_all(parts, runs, list(sizes), at, share, record)
+        rows = self._rows(runs, distances, scored)
+        curves = _curves(rows)
+        _show_rates(record, curves)
+        drawn = {"resolution": figures.resolution(curves), "pareto": figures.pareto(curves)}
+        tables = {"resolution": columns_of(rows)}
+        return Report(_metrics(rows, self.settings), tables, drawn, summary=_markdown(rows))
 
     def _sized(self, descriptor: Any) -> dict[str, Any]:
         """The descriptor in every size."""
@@ -117,41 +100,33 @@ class Resolution:
         sizes = (dict(zip(self.settings, size, strict=True)) for size in self.sizes)
         return {" x ".join(str(v) for v in size.values()): replace(descriptor, **size) for size in sizes}
 
-    def _ask(
-        self,
-        parts: Parts,
-        runs: MethodRuns,
-        names: list[str],
-        poses: PathPoses,
-        headings: str,
-        stage: str,
-        record: Recorder,
-    ) -> dict[tuple[str, str], Scored]:
-        """The answers of some sizes to queries, by method."""
-        found: dict[tuple[str, str], list[Scored]] = {}
-        for frames in deliver(parts, parts.sensor.plan(poses), record, stage):
-            for answered in runs.answers_of(names, frames):
-                found.setdefault((answered.method.name, headings), []).append(answered.scored)
-                if headings == ANY and 0 in frames.plan_index:
-                    step = names.index(answered.method.descriptor_name)
-                    show_signature(record, answered.signatures.place[0], Tick(step, SIZE_NS * step))
-        return {key: joined(batches) for key, batches in found.items()}
+    def _localize_all(
+        self, parts: Parts, runs: MethodRuns, sizes: Sequence[str], at: Floats, share: Floats, record: Recorder
+    ) -> dict[Key, ScoredEstimates]:
+        """Localise queries at positions (Q, 3), by every size with any heading, and with those of its own angle grid."""
+        any_heading = poses_with_headings(at, share)
+        scored = _localize(parts, runs, sizes, any_heading, ANY, "queries, any heading", record)
+        first = next(iter(scored.values()))
+        record.log("answers", Answers(first.truth_m, first.answer_m, list(first.verdict)))
+        for angles in dict.fromkeys(size[1] for size in self.sizes):
+            names = [name for name, size in zip(sizes, self.sizes, strict=True) if size[1] == angles]
+            on_grid = poses_with_headings(at, share, angles)
+            scored |= _localize(parts, runs, names, on_grid, ON_GRID, f"queries, {angles} headings", record)
+        return scored
 
-    def _rows(
-        self, runs: MethodRuns, distances: Mapping[str, Any], answered: Mapping[tuple[str, str], Scored]
-    ) -> list[Row]:
+    def _rows(self, runs: MethodRuns, distances: Mapping[str, Any], scored: Mapping[Key, ScoredEstimates]) -> list[Row]:
         """One row a distance, kind of headings and size."""
         return [
-            self._row(method, name, headings, runs.cost(method), answered[method.name, headings])
+            self._row(method, name, headings, runs.cost(method), scored[method.name, headings])
             for name, distance in distances.items()
             for headings in (ON_GRID, ANY)
             for method in runs.methods
             if method.distance is distance
         ]
 
-    def _row(self, method: Method, distance: str, headings: str, cost: Cost, scored: Scored) -> Row:
+    def _row(self, method: Method, distance: str, headings: str, cost: MethodCost, scored: ScoredEstimates) -> Row:
         size = {setting: getattr(method.descriptor, setting) for setting in self.settings}
-        told = scored.heading_error_deg
+        error_deg = scored.heading_error_deg
         return {
             "size": " x ".join(str(value) for value in size.values()),
             **size,
@@ -160,15 +135,37 @@ class Resolution:
             "headings": headings,
             "queries": len(scored.verdict),
             **{f"{verdict}_rate": float(np.mean(scored.verdict == verdict)) for verdict in VERDICTS},
-            "heading_error_median_deg": float(np.median(told)),
-            "heading_error_p95_deg": float(np.quantile(told, 0.95)),
+            "heading_error_median_deg": float(np.median(error_deg)),
+            "heading_error_p95_deg": float(np.quantile(error_deg, 0.95)),
             **cost._asdict(),
         }
 
 
-def _curves(rows: Sequence[Row]) -> dict[tuple[str, str], list[Row]]:
+def _localize(
+    parts: Parts, runs: MethodRuns, names: Sequence[str], poses: PathPoses, headings: str, stage: str, record: Recorder
+) -> dict[Key, ScoredEstimates]:
+    """The estimates of some sizes for the queries with one kind of headings."""
+    batches: dict[Key, list[ScoredEstimates]] = {}
+    for frames in deliver(parts, parts.sensor.plan(poses), record, stage):
+        for found in runs.localize_by(list(names), frames):
+            batches.setdefault((found.method.name, headings), []).append(found.scored)
+            if headings == ANY and 0 in frames.plan_index:
+                step = names.index(found.method.descriptor_name)
+                show_signature(record, found.signatures.place[0], Tick(step, SIZE_NS * step))
+    return {key: joined_estimates(own) for key, own in batches.items()}
+
+
+def _show_rates(record: Recorder, curves: Mapping[Key, Sequence[Row]]) -> None:
+    """The rate of nearest estimates over the sizes, for every distance and kind of headings."""
+    for curve, own in curves.items():
+        steps = np.arange(len(own))
+        values = np.array([row["nearest_rate"] for row in own])
+        record.log("nearest/" + "_".join(curve), Series(values, steps, SIZE_NS * steps, "1"))
+
+
+def _curves(rows: Sequence[Row]) -> dict[Key, list[Row]]:
     """The rows of each distance and kind of headings, a size each."""
-    found: dict[tuple[str, str], list[Row]] = {}
+    found: dict[Key, list[Row]] = {}
     for row in rows:
         found.setdefault((row["distance"], row["headings"]), []).append(row)
     return found
@@ -181,7 +178,7 @@ def smallest(rows: Sequence[Row]) -> Row:
 
 
 def _metrics(rows: Sequence[Row], settings: Sequence[str]) -> list[Metric]:
-    """The smallest sizes that do first, then the rates of all."""
+    """The smallest sufficient sizes first, then the rates of all."""
     found = []
     for curve, own in _curves(rows).items():
         found += [Metric(f"smallest_{setting}_{'_'.join(curve)}", smallest(own)[setting], "1") for setting in settings]
@@ -194,7 +191,7 @@ def _metrics(rows: Sequence[Row], settings: Sequence[str]) -> list[Metric]:
 
 
 def _markdown(rows: Sequence[Row]) -> str:
-    """Rates by size, the smallest that does in bold, and what a size costs."""
+    """Rates by size, the smallest sufficient one in bold, with bytes and time of a size."""
     curves = _curves(rows)
     titles = [f"{distance}, {headings.replace('_', ' ')}" for distance, headings in curves]
     lines = ["## Resolution", "", "nearest answers; bold: the smallest size within one point of the first", ""]

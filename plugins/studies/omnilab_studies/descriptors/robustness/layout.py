@@ -1,4 +1,4 @@
-"""How the study `robustness` looks in a viewer."""
+"""Viewer layout of the study `robustness`."""
 
 from __future__ import annotations
 

@@ -22,8 +22,9 @@ from omnilab.api import (
 )
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import procrustes
-from omnilab_studies.common.describing import deliver, deliver_queries, show_picture
+from omnilab_studies.common.frames import deliver, deliver_queries
 from omnilab_studies.common.grids import check_extent, check_step, grid_poses
+from omnilab_studies.common.logs import show_picture
 from omnilab_studies.common.methods import Method, descriptors_of, fitted_all, methods_of
 from omnilab_studies.local_maps import figures
 from omnilab_studies.local_maps.candidates import ShortLists, described, keeping, short_lists

@@ -11,7 +11,7 @@ import numpy as np
 from omnilab.api import GridPoses, Parts, Plan, RecordedPoses
 from omnilab.errors import ConfigError
 from omnilab.metrics import spacing
-from omnilab_studies.common.free_area import check_square, free_square, headed, positions_within
+from omnilab_studies.common.free_area import check_square, free_square, poses_with_headings, positions_within
 from omnilab_studies.common.pose_sources import changed
 from omnilab_studies.common.scores import known_poses
 from omnilab_studies.local_maps.local_map.study import LocalMap
@@ -60,7 +60,7 @@ class Room(LocalMap):
         if self.every is None:
             (grid,) = grids.values()
             at = positions_within(grid, self.query_count, rng)
-            return parts, parts.sensor.plan(headed(at, rng.random(self.query_count)))
+            return parts, parts.sensor.plan(poses_with_headings(at, rng.random(self.query_count)))
         if self.every == 1 and not self.tests:
             raise ConfigError(
                 "study.every=1 makes every image a place and leaves no queries; give +study.tests.path=DIR, or study.every=2"

@@ -9,8 +9,7 @@ import numpy as np
 
 from omnilab.api import Bytes
 from omnilab.metrics import VERDICTS
-from omnilab_studies.common.plots import COLORS
-from omnilab_studies.common.plots import _figure as blank
+from omnilab_studies.common.plots import COLORS, blank_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,7 +19,7 @@ def rates(rows: Sequence[Mapping[str, Any]]) -> Figure:
     """Nearest, second and wrong answers in every condition, a panel a method (thesis, figure 4.18)."""
     names = list(dict.fromkeys(row["method"] for row in rows))
     conditions = list(dict.fromkeys(row["condition"] for row in rows))
-    figure = blank(1.6 + 0.75 * len(conditions) * len(names), 4.2)
+    figure = blank_figure(1.6 + 0.75 * len(conditions) * len(names), 4.2)
     for axes, name in zip(figure.subplots(1, len(names), squeeze=False, sharey=True)[0], names, strict=True):
         own = [row for row in rows if row["method"] == name]
         under = np.zeros(len(own))
@@ -46,7 +45,7 @@ def pictures(shown: Mapping[str, Bytes]) -> Figure:
     """The first query of every condition."""
     columns = min(5, len(shown))
     rows = -(-len(shown) // columns)
-    figure = blank(2.4 * columns, 2.6 * rows)
+    figure = blank_figure(2.4 * columns, 2.6 * rows)
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes in grid:
         axes.set_axis_off()

@@ -1,4 +1,4 @@
-"""How the study `changes` looks in a viewer."""
+"""Viewer layout of the study `changes`."""
 
 from __future__ import annotations
 

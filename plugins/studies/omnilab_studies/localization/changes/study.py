@@ -1,10 +1,10 @@
-"""Study C: a map from one day, queries from others."""
+"""Study C: localisation after changes of light and things (thesis, figure 4.18)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from omnilab.api import (
     PlaceMap,
     Plan,
     PoseRequest,
-    RandomPoses,
     RecordedPoses,
     Recorder,
     Report,
@@ -27,14 +26,15 @@ from omnilab.api import (
 )
 from omnilab.errors import ConfigError
 from omnilab.metrics import VERDICTS, bootstrap
-from omnilab_studies.common.comparison import columns_of, key_of
-from omnilab_studies.common.describing import deliver_queries, show_picture
+from omnilab_studies.common.frames import deliver_queries
 from omnilab_studies.common.grids import check_extent, check_step_or_every, grid_poses
 from omnilab_studies.common.localization_run import estimate_of
+from omnilab_studies.common.logs import show_picture, start_logs
 from omnilab_studies.common.method_runs import MethodRuns
-from omnilab_studies.common.pose_sources import Source, changed
-from omnilab_studies.common.scores import Scored, joined, known_poses
-from omnilab_studies.common.tables import markdown
+from omnilab_studies.common.methods import key_of
+from omnilab_studies.common.pose_sources import Source, changed, random_poses
+from omnilab_studies.common.scores import ScoredEstimates, joined_estimates, known_poses
+from omnilab_studies.common.tables import columns_of, markdown
 from omnilab_studies.localization.changes import figures
 from omnilab_studies.localization.changes.layout import LAYOUT
 
@@ -48,9 +48,9 @@ class Changes:
 
     Places from the sensor as it is; queries from it with other settings, a condition each: a variant of the virtual world
     (`{evening: {variant: evening}}`), or another folder (`{chairs: {path: DIR/chairs}}`). Random queries are at the same
-    poses in every condition, but for those where something now stands, and asked of the unchanged world too; recorded
-    ones are drawn from each folder. An answer is `nearest`, `second` or `wrong` as in the grid study; each rate with its
-    95 % interval.
+    poses in every condition, but for those where something now stands, and in the unchanged world too; recorded ones are
+    drawn from each folder. An estimate is `nearest`, `second` or `wrong` as in the grid study; each rate with its 95 %
+    interval.
     """
 
     conditions: dict[str, dict[str, Any]] = field(default_factory=dict)  # name: {setting of the sensor: value}
@@ -70,81 +70,86 @@ class Changes:
         if self.query_count < 1:
             raise ConfigError(f"study.query_count={self.query_count} asks nothing; give 1 or more")
         if self.queries not in (Source.random, Source.recorded):
-            raise ConfigError(f"study.queries={self.queries.value} is not asked here; give random or recorded")
+            raise ConfigError(f"study.queries={self.queries.value} is not possible here; give random or recorded")
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
-        """Map, change, localise, score."""
+        """Describe the map; in each condition, localise the queries; score."""
         if not self.conditions:
             raise ConfigError("study.conditions is empty, so nothing changes; give {NAME: {SETTING: VALUE}}, such as"
                               " {evening: {variant: evening}}")  # fmt: skip
-        record.log("", LAYOUT)
-        if scene := parts.sensor.scene():
-            record.log("room", scene)
-        seed, spoil = (int(n) for n in rng.integers(2**32, size=2))
+        start_logs(record, LAYOUT, parts.sensor)
+        seed, disturbance_seed = (int(n) for n in rng.integers(2**32, size=2))
         sensors = self._sensors(parts.sensor)
         plans = {name: self._plan(sensor, seed, i) for i, (name, sensor) in enumerate(sensors.items())}
         grid = parts.sensor.plan(grid_poses(self.step_m, self.every, self.extent_m, self.height_m))
         runs = MethodRuns(parts, grid, record)
         record.log("places", PlaceMap(known_poses(grid.T_world_camera, "places")[:, :3, 3]))
 
-        answers: dict[tuple[str, str], Scored] = {}  # of a method, in a condition
-        pictures: dict[str, Bytes] = {}
-        omitted = list(grid.omitted)
+        results: dict[str, ConditionResult] = {}
         for step, (name, sensor) in enumerate(sensors.items()):
-            asked, pictures[name], left_out = self._ask(runs, parts, sensor, plans[name], record, spoil, step)
-            answers |= {(method, name): scored for method, scored in asked.items()}
-            omitted += left_out
-            record.log("log", Text(name), Tick(step, CONDITION_NS * step))
+            tick = Tick(step, CONDITION_NS * step)
+            own = replace(parts, sensor=sensor)
+            results[name] = _localize(runs, own, plans[name], record, disturbance_seed, tick)
+            record.log("log", Text(name), tick)
 
-        rows = [_row(method, name, scored, rng) for (method, name), scored in answers.items()]
+        rows = [_row(m, name, s, rng) for name, result in results.items() for m, s in result.scored.items()]
         _show_rates(record, rows, list(sensors))
-        record.log("summary", Text(f"## Changes\n\n{markdown(columns_of(_short(rows)))}", markdown=True))
-        for sentence in omitted:
-            record.log("log", Text(f"left out: {sentence}"))
-        drawn = {"changes": figures.rates(rows), "pictures": figures.pictures(pictures)}
-        return Report(_metrics(rows, len(grid)), {"changes": columns_of(rows)}, drawn)
+        images = {name: result.image for name, result in results.items()}
+        return Report(
+            _metrics(rows, len(grid)),
+            {"changes": columns_of(rows)},
+            {"changes": figures.rates(rows), "pictures": figures.pictures(images)},
+            summary=f"## Changes\n\n{markdown(columns_of(_short(rows)))}",
+            omitted=[*grid.omitted, *(sentence for result in results.values() for sentence in result.omitted)],
+        )
 
     def _sensors(self, sensor: Sensor) -> dict[str, Sensor]:
-        """One for each condition; the first as it is, where random poses can be asked of it."""
+        """The sensor of each condition; the first is the unchanged one, where it can image random poses."""
         unchanged = {UNCHANGED: sensor} if self.queries is Source.random else {}
         return unchanged | {
             name: changed(sensor, f"study.conditions.{name}", to) for name, to in self.conditions.items()
         }
 
     def _plan(self, sensor: Sensor, seed: int, number: int) -> Plan:
-        plan = sensor.plan(self._layout(seed))
+        """The queries of a condition; of more recorded images, `query_count` drawn by the condition's number."""
+        plan = sensor.plan(self._query_poses(seed))
         if self.queries is Source.recorded and len(plan) > self.query_count:
             chosen = np.random.default_rng([seed, number]).choice(len(plan), self.query_count, replace=False)
             plan = plan.at(np.sort(chosen))
         return plan
 
-    def _layout(self, seed: int) -> PoseRequest:
+    def _query_poses(self, seed: int) -> PoseRequest:
         if self.queries is Source.recorded:
             return RecordedPoses()
-        step = None if self.heading_step_deg is None else float(np.deg2rad(self.heading_step_deg))
-        extent = None if self.extent_m is None else (self.extent_m[0], self.extent_m[1])
-        return RandomPoses(self.query_count, seed, step, extent, self.height_m)
-
-    def _ask(
-        self, runs: MethodRuns, parts: Parts, sensor: Sensor, plan: Plan, record: Recorder, seed: int, step: int
-    ) -> tuple[dict[str, Scored], Bytes, list[str]]:
-        """The answers of every method to the queries of one condition, its first picture, and what was left out."""
-        found: dict[str, list[Scored]] = {c.name: [] for c in runs.methods}
-        pictures: list[Bytes] = []
-        omitted = list(plan.omitted)
-        for frames in deliver_queries(replace(parts, sensor=sensor), plan, record, seed):
-            omitted += frames.omitted
-            if not pictures and len(frames):
-                pictures.append(frames.images[0])
-                show_picture(record, frames, 0, Tick(step, CONDITION_NS * step))
-            for answered in runs.answers(frames):
-                found[answered.method.name].append(answered.scored)
-        asked = {name: joined(batches) for name, batches in found.items()}
-        _show_answers(record, asked, step)
-        return asked, pictures[0], omitted
+        return random_poses(self.query_count, seed, self.heading_step_deg, self.extent_m, self.height_m)
 
 
-def _row(method: str, condition: str, scored: Scored, rng: np.random.Generator) -> dict[str, Any]:
+class ConditionResult(NamedTuple):
+    """Results of the methods in one condition."""
+
+    scored: Mapping[str, ScoredEstimates]  # of each method
+    image: Bytes  # the first query
+    omitted: Sequence[str]
+
+
+def _localize(runs: MethodRuns, parts: Parts, plan: Plan, record: Recorder, seed: int, tick: Tick) -> ConditionResult:
+    """Localise the queries of one condition by every method."""
+    batches: dict[str, list[ScoredEstimates]] = {method.name: [] for method in runs.methods}
+    images: list[Bytes] = []
+    omitted = list(plan.omitted)
+    for frames in deliver_queries(parts, plan, record, seed):
+        omitted += frames.omitted
+        if not images and len(frames):
+            images.append(frames.images[0])
+            show_picture(record, frames, 0, tick)
+        for found in runs.localize(frames):
+            batches[found.method.name].append(found.scored)
+    scored = {name: joined_estimates(own) for name, own in batches.items()}
+    _show_estimates(record, scored, tick)
+    return ConditionResult(scored, images[0], omitted)
+
+
+def _row(method: str, condition: str, scored: ScoredEstimates, rng: np.random.Generator) -> dict[str, Any]:
     """One method in one condition."""
     nearest = scored.verdict == "nearest"
     known = nearest | (scored.verdict == "second")
@@ -166,18 +171,17 @@ def _row(method: str, condition: str, scored: Scored, rng: np.random.Generator) 
 
 
 def _short(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """What the viewer's table has room for."""
+    """The columns of the summary."""
     kept = ("method", "condition", "queries", "nearest_rate", "nearest_or_second_rate", "position_error_median_m")
     return [{name: row[name] for name in kept} for row in rows]
 
 
-def _show_answers(record: Recorder, asked: Mapping[str, Scored], step: int) -> None:
-    """Where the first method takes the queries of a condition to be, and each method the first of them."""
-    tick = Tick(step, CONDITION_NS * step)
-    first = next(iter(asked.values()))
+def _show_estimates(record: Recorder, scored: Mapping[str, ScoredEstimates], tick: Tick) -> None:
+    """The first method's estimates for all queries of a condition, and every method's for the first query."""
+    first = next(iter(scored.values()))
     record.log("answers", Answers(first.truth_m, first.answer_m, list(first.verdict)), tick)
-    for name, scored in asked.items():
-        record.log(f"estimate/{key_of(name)}", estimate_of(scored, 0), tick)
+    for name, own in scored.items():
+        record.log(f"estimate/{key_of(name)}", estimate_of(own, 0), tick)
 
 
 def _show_rates(record: Recorder, rows: Sequence[Mapping[str, Any]], conditions: Sequence[str]) -> None:
@@ -188,7 +192,7 @@ def _show_rates(record: Recorder, rows: Sequence[Mapping[str, Any]], conditions:
 
 
 def _metrics(rows: Sequence[Mapping[str, Any]], places: int) -> list[Metric]:
-    """The worst changed condition of each method first: what the thesis's claim is about."""
+    """The rates of each method in its worst changed condition first, then those of all conditions."""
     found: list[Metric] = []
     for name in dict.fromkeys(row["method"] for row in rows):
         own = [row for row in rows if row["method"] == name and row["condition"] != UNCHANGED]

@@ -1,33 +1,33 @@
-"""Study A: localisation on a grid of places with known positions."""
+"""Study A: localisation in a map of places on a grid (thesis, 4.5.1)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from omnilab.api import (
-    GridPoses,
-    Image,
-    Parts,
-    PlaceMap,
-    PoseRequest,
-    RandomPoses,
-    RecordedPoses,
-    Recorder,
-    Report,
-    Text,
-)
+from omnilab.api import GridPoses, Image, Parts, PlaceMap, Plan, PoseRequest, RecordedPoses, Recorder, Report
 from omnilab.errors import ConfigError
-from omnilab_studies.common import plots
-from omnilab_studies.common.describing import describe_places, fitted, markdown_table
+from omnilab_studies.common.describing import describe_places, fitted
+from omnilab_studies.common.frames import disturbed
 from omnilab_studies.common.grids import check_extent, check_step_or_every, grid_poses
+from omnilab_studies.common.localization_metrics import localization_metrics, map_metrics
 from omnilab_studies.common.localization_run import LocalizationRun
-from omnilab_studies.common.recall import judged, of_map
-from omnilab_studies.common.scores import as_table
-from omnilab_studies.localization.layout import PLACES
+from omnilab_studies.common.logs import start_logs
+from omnilab_studies.common.plots import pixels_of
+from omnilab_studies.common.pose_sources import random_poses
+from omnilab_studies.common.scores import ScoredEstimates, query_table
+from omnilab_studies.common.tables import markdown_table
+from omnilab_studies.localization.figures import localization_figures
+from omnilab_studies.localization.grid.figures import worst
+from omnilab_studies.localization.layout import LAYOUT
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+WORST = 6  # queries with the largest errors, shown in a figure
 
 
 class Queries(Enum):
@@ -39,11 +39,11 @@ class Queries(Enum):
 
 @dataclass
 class Grid:
-    """Study A: describe a grid of places, localise queries, score the answers (Berenguer, thesis, 4.5.1, fig. 4.13).
+    """Study A: describe a grid of places, localise queries, score the estimates (Berenguer, thesis, 4.5.1, fig. 4.13).
 
-    An answer is `nearest` if no place lies closer to where the query was taken (ties within 1 mm count), `second` if
+    An estimate is `nearest` if no place lies closer to where the query was taken (ties within 1 mm count), `second` if
     it is at the next distance, else `wrong`. Beside the rates: errors of position and heading, the sharpness C of the
-    distances over the map (eq. 4.6), and the bytes a place takes. Disturbances spoil the queries, never the places.
+    distances over the map (eq. 4.6), and the bytes a place takes. Disturbances apply to the queries, never to the places.
     """
 
     step_m: float | None = 0.2  # of the grid of places; null: take `every` n-th row and column of a recording
@@ -68,39 +68,45 @@ class Grid:
         check_extent(self.extent_m)
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
-        """Map, localise, score."""
-        record.log("", PLACES)
-        if scene := parts.sensor.scene():
-            record.log("room", scene)
+        """Describe the places, localise the queries, score: `queries.csv` has a row per query (`query_table`)."""
+        start_logs(record, LAYOUT, parts.sensor)
+        plan = parts.sensor.plan(self._query_poses(rng))  # first: queries that do not exist fail before the work begins
+        run, omitted = self._map(parts, record)
 
-        # the map: every place of the grid, described
-        plan = parts.sensor.plan(self._layout(rng))  # of the queries: what cannot be had is said before the work begins
+        seed = int(rng.integers(2**32))  # of the disturbances; drawn after the poses, so that they change none
+        scored = run.localize(plan, seed)
+        omitted += run.omitted
+
+        metrics = localization_metrics(scored, len(run.places), run.step_m, rng)
+        metrics += map_metrics(run.places, scored, len(omitted))
+        drawn = localization_figures(run, scored) | {"worst": _worst(run, plan, scored, seed)}
+        record.log("recall", Image(pixels_of(drawn["recall"]), "png"))
+        tables = {"queries": query_table(scored, plan.keys)}
+        return Report(metrics, tables, drawn, summary=markdown_table(metrics, "Grid study"), omitted=omitted)
+
+    def _map(self, parts: Parts, record: Recorder) -> tuple[LocalizationRun, list[str]]:
+        """The places of the grid described, and ready to localise in; and what was left out."""
         grid = parts.sensor.plan(self._grid())
         parts = fitted(parts, grid, record)
         places, omitted = describe_places(parts, grid, record)
         run = LocalizationRun(parts, places, record, self.show)
         record.log("places", PlaceMap(run.places_m))
-
-        # the queries: localised batch by batch, and scored against where they were taken
-        seed = int(rng.integers(2**32))  # of the disturbances; drawn after the poses, so that they change none
-        scored = run.ask(plan, seed)
-        omitted += run.omitted
-
-        # what it amounts to
-        metrics = [*judged(scored, len(places), run.step_m, rng), *of_map(places, scored, len(omitted))]
-        drawn = run.figures(scored) | {"worst": run.worst(plan, scored, seed)}
-        record.log("recall", Image(plots.pixels_of(drawn["recall"]), "png"))
-        record.log("summary", Text(markdown_table(metrics, "Grid study"), markdown=True))
-        for sentence in omitted:
-            record.log("log", Text(f"left out: {sentence}"))
-        return Report(metrics, {"queries": as_table(scored, plan.keys)}, drawn)
+        return run, omitted
 
     def _grid(self) -> GridPoses:
         return grid_poses(self.step_m, self.every, self.extent_m, self.height_m)
 
-    def _layout(self, rng: np.random.Generator) -> PoseRequest:
+    def _query_poses(self, rng: np.random.Generator) -> PoseRequest:
         if self.queries is Queries.rest:
             return RecordedPoses(without=self._grid())
-        step = None if self.heading_step_deg is None else float(np.deg2rad(self.heading_step_deg))
         seed = int(rng.integers(2**32))
-        return RandomPoses(self.query_count, seed, step, self._grid().extent_m, self.height_m)
+        return random_poses(self.query_count, seed, self.heading_step_deg, self.extent_m, self.height_m)
+
+
+def _worst(run: LocalizationRun, plan: Plan, scored: ScoredEstimates, seed: int) -> Figure:
+    """The figure of the largest errors, its images taken anew: queries beside the places they were taken for."""
+    chosen = np.argsort(-scored.error_m, kind="stable")[:WORST]
+    frames = run.parts.sensor.frames(plan.at(scored.plan_index[chosen]))
+    queries = [image for batch in frames for image in disturbed(batch, run.parts.disturbances, seed).images]
+    answers = run.pictures(scored.place[chosen])
+    return worst(queries, list(answers), scored.error_m[chosen], scored.verdict[chosen])

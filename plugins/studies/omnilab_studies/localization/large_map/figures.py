@@ -1,4 +1,4 @@
-"""How costs grow with the map."""
+"""Figures of the study `large_map`: cost over the size of the map."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SHARES = {"agreement": "o-", "same": "s--", "recall": "^:"}
 
 
 def scaling(rows: Sequence[Mapping[str, Any]]) -> Figure:
-    """Costs against the number of places, with fitted power laws, and how well the answers agree."""
+    """Costs against the number of places, with fitted power laws, and the agreement of the estimates."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.4, 8.4), dpi=DPI, layout="constrained")
@@ -34,7 +34,7 @@ def scaling(rows: Sequence[Mapping[str, Any]]) -> Figure:
         for axes, cost in zip(panels, COSTS, strict=False):
             _power_law(axes, name, [row["places"] for row in own], [row[cost] for row in own], f"C{i}")
         for share, style in SHARES.items():
-            if i or share == "recall":  # the first is what the others are held against
+            if i or share == "recall":  # the first is what the others are compared with
                 label = f"{name}: {share}"
                 panels[3].plot([r["places"] for r in own], [r[share] for r in own], style, color=f"C{i}", label=label)
     for axes, label in zip(panels, [*COSTS.values(), "share of the queries"], strict=True):
@@ -48,7 +48,7 @@ def scaling(rows: Sequence[Mapping[str, Any]]) -> Figure:
 
 
 def _power_law(axes: Axes, name: str, places: Sequence[float], costs: Sequence[float], color: str) -> None:
-    """Measured points, and a line of the fitted slope through their middle; nothing where nothing was needed."""
+    """Measured points, and a line of the fitted slope through their middle; nothing where a cost is 0."""
     if min(costs) <= 0:
         return
     slope = exponent(places, costs)

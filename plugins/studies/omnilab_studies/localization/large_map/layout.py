@@ -1,4 +1,4 @@
-"""How the study `large_map` looks in a viewer."""
+"""Viewer layout of the study `large_map`."""
 
 from __future__ import annotations
 

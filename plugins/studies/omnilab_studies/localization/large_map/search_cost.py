@@ -1,4 +1,4 @@
-"""A localizer on one map, with a clock and a scale at hand."""
+"""Cost of searching one map by a localizer: time, memory, compared signatures."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ from typing import Any
 import numpy as np
 
 from omnilab.api import Distance, Floats, Ints, Localizer, Match, Places, Signatures
-from omnilab_studies.common.timing import clocked
+from omnilab_studies.common.timing import timed
 
 
 @dataclass
-class Counted:
+class CountingDistance:
     """A distance that counts the pairs it compares."""
 
     distance: Distance
     pairs: int = 0
 
     def prepare(self, places: Signatures) -> Any:
-        """As the distance does."""
+        """As the counted distance."""
         return self.distance.prepare(places)
 
     def match(self, queries: Signatures, index: Any) -> Match:
-        """As the distance does."""
+        """As the counted distance."""
         found = self.distance.match(queries, index)
         self.pairs += found.distance.size
         return found
 
 
 @dataclass(frozen=True)
-class Searched:
-    """What a localizer answered to Q queries, one at a time, and what that took."""
+class SearchCost:
+    """A localizer's estimates for Q queries, one at a time, with time, memory and the number of compared signatures."""
 
     place: Ints  # (Q,)
     position_m: Floats  # (Q, 3)
@@ -43,34 +43,34 @@ class Searched:
     compared: float  # signatures that a query is compared with, on average
 
     @classmethod
-    def by(cls, localizer: Localizer, distance: Distance, places: Places, queries: Signatures) -> Searched:
-        """Prepare the map, ask once to warm up, then every query by itself, as a robot would."""
+    def by(cls, localizer: Localizer, distance: Distance, places: Places, queries: Signatures) -> SearchCost:
+        """Prepare the map, localise one query to warm up, then every query by itself, as a robot would."""
         distance.match(queries[:1], distance.prepare(places.signatures[:2]))  # imports and compiles
-        counted = Counted(distance)
-        index, prepare_s = clocked(lambda: localizer.prepare(places, counted))
+        counted = CountingDistance(distance)
+        index, prepare_s = timed(lambda: localizer.prepare(places, counted))
         localizer.locate(queries[:1], index)
         counted.pairs = 0
         each = [queries[q : q + 1] for q in range(len(queries))]
-        answers = [clocked(partial(localizer.locate, query, index)) for query in each]
+        found = [timed(partial(localizer.locate, query, index)) for query in each]
         return cls(
-            np.concatenate([found.place for found, _ in answers]),
-            np.concatenate([found.position_m for found, _ in answers]),
+            np.concatenate([estimates.place for estimates, _ in found]),
+            np.concatenate([estimates.position_m for estimates, _ in found]),
             prepare_s,
             array_bytes(index, but=places),
-            1e3 * float(np.median([seconds for _, seconds in answers])),
+            1e3 * float(np.median([seconds for _, seconds in found])),
             counted.pairs / len(queries),
         )
 
-    def same(self, other: Searched) -> float:
-        """The share of queries that both answer with the same place."""
+    def same(self, other: SearchCost) -> float:
+        """The share of queries for which both estimate the same place."""
         return float(np.mean(self.place == other.place))
 
-    def within(self, other: Searched, limit_m: float) -> float:
-        """The share of queries whose two answers lie within a limit."""
+    def within(self, other: SearchCost, limit_m: float) -> float:
+        """The share of queries whose two estimated positions lie within a limit."""
         return _share_within(self.position_m, other.position_m, limit_m)
 
     def recall(self, truth_m: Floats, limit_m: float) -> float:
-        """The share of queries answered within a limit of where they were taken (Q, 3)."""
+        """The share of queries estimated within a limit of their true positions (Q, 3)."""
         return _share_within(self.position_m, truth_m, limit_m)
 
 
@@ -79,7 +79,7 @@ def _share_within(one_m: Floats, other_m: Floats, limit_m: float) -> float:
 
 
 def array_bytes(thing: Any, but: Any = None) -> int:
-    """The bytes of all arrays that a thing of tuples, lists, dicts and dataclasses holds, each once, but those of another."""
+    """The bytes of all arrays in nested tuples, lists, dicts and dataclasses, each once, without those of `but`."""
     seen: set[int] = set()
     _unseen_bytes(but, seen)
     return _unseen_bytes(thing, seen)

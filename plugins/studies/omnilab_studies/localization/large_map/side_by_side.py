@@ -1,4 +1,4 @@
-"""Several sensors as one."""
+"""Several virtual worlds side by side, as one sensor."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class SideBySide:
 
     @classmethod
     def of(cls, sensors: Sequence[Sensor], layout: PoseRequest) -> SideBySide:
-        """The worlds moved apart by what a layout covers of each, and by what there is to see of it."""
+        """The worlds moved apart by the extent of the requested poses and of the scene in each."""
         shifts: list[float] = []
         ends: list[float] = []
         for sensor in sensors:
@@ -48,7 +48,7 @@ class SideBySide:
         return Places(places.signatures[:count], T[:count], places.keys[:count])
 
     def plan(self, layout: PoseRequest) -> Plan:
-        """The layout's poses in every world, one world after the other."""
+        """The requested poses in every world, one world after the other."""
         plans = [sensor.plan(own) for sensor, own in zip(self.sensors, self._shared(layout), strict=True)]
         poses = [
             _moved(known_poses(plan.T_world_camera, "images"), shift)
@@ -88,7 +88,7 @@ class SideBySide:
 
 
 def _width(sensor: Sensor, layout: PoseRequest) -> tuple[float, float]:
-    """The least and the greatest x of a layout's poses, and of the world around them."""
+    """The least and the greatest x of the requested poses, and of the world around them."""
     x = known_poses(sensor.plan(layout).T_world_camera, "places")[:, 0, 3]
     if mesh := sensor.scene():
         x = np.append(x, mesh.vertices_m[:, 0])

@@ -1,4 +1,4 @@
-"""Large maps: what localizers cost, and whether they still answer as exhaustive search does."""
+"""Large maps: cost of localizers, and their agreement with exhaustive search."""
 
 from __future__ import annotations
 
@@ -24,18 +24,19 @@ from omnilab.api import (
     Report,
     Series,
     Signatures,
-    Text,
     Tick,
 )
 from omnilab.errors import ConfigError
-from omnilab_studies.common.describing import deliver_queries, describe, describe_places, fitted, show_frame
+from omnilab_studies.common.describing import describe, describe_places, fitted
+from omnilab_studies.common.frames import deliver_queries
 from omnilab_studies.common.grids import check_step
+from omnilab_studies.common.logs import show_frame, start_logs
 from omnilab_studies.common.methods import joined_signatures
 from omnilab_studies.common.scores import known_poses
-from omnilab_studies.common.tables import markdown
+from omnilab_studies.common.tables import columns_of, markdown
 from omnilab_studies.localization.large_map.figures import scaling
 from omnilab_studies.localization.large_map.layout import LAYOUT
-from omnilab_studies.localization.large_map.search_cost import Searched, exponent
+from omnilab_studies.localization.large_map.search_cost import SearchCost, exponent
 from omnilab_studies.localization.large_map.side_by_side import SideBySide, in_worlds
 
 EXHAUSTIVE = "exhaustive"
@@ -45,14 +46,14 @@ Row = dict[str, Any]
 
 @dataclass
 class LargeMap:
-    """How time, memory and answers of localizers change as the map grows: finer grids, then more worlds.
+    """Time, memory and estimates of localizers as the map grows: finer grids, then more worlds.
 
-    The run's `localizer` searches the whole map; every one of its `localizers` is held against it. `agreement` is the
-    share of queries whose two answers lie within the coarsest of `steps_m`, `same` that of the same place, `recall` that
-    of answers within the coarsest step of where the query was taken. Queries come one at a time; their time is the
+    The run's `localizer` searches the whole map; every one of its `localizers` is compared with it. `agreement` is the
+    share of queries whose two estimates lie within the coarsest of `steps_m`, `same` that of the same place, `recall` that
+    of estimates within the coarsest step of where the query was taken. Queries come one at a time; their time is the
     median, without the description, and `compared` are the signatures that one is compared with, which no other load of
     the machine disturbs. Memory is that of the signatures and of the prepared map's arrays beside them. Exponents are
-    slopes in the log-log figure. A descriptor that learns sees the first map alone.
+    slopes in the log-log figure. A trainable descriptor is trained on the first map alone.
     """
 
     steps_m: list[float] = field(default_factory=lambda: [0.2, 0.12, 0.07, 0.04])  # of the grids in the sensor's world
@@ -73,16 +74,26 @@ class LargeMap:
             )
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
-        """One map after the other: describe it, search it in every way, compare."""
+        """Map after map: describe the places, search them by every localizer, compare."""
         if EXHAUSTIVE in parts.localizers:
             raise ConfigError(f"localizers.{EXHAUSTIVE} has the name of the run's own localizer; choose another name")
         worlds = SideBySide.of(in_worlds(parts.sensor, self.worlds), self._grid(self.steps_m[-1]))
-        record.log("", LAYOUT)
-        if scene := worlds.scene():
-            record.log("room", scene)
+        start_logs(record, LAYOUT, worlds)
         parts = fitted(parts, parts.sensor.plan(self._grid(self.steps_m[0])), record)
-        seed = int(rng.integers(2**32))
+        rows, left_out = self._search_all(parts, worlds, int(rng.integers(2**32)), record)
+        table, growth = columns_of(rows), _growth(rows)
+        return Report(
+            self._metrics(rows, left_out),
+            {"maps": table, "exponents": growth},
+            {"scaling": scaling(rows)},
+            summary=_summary(table, growth, max(self.steps_m)),
+        )
 
+    def _grid(self, step_m: float) -> GridPoses:
+        return GridPoses(step_m, height_m=self.height_m)
+
+    def _search_all(self, parts: Parts, worlds: SideBySide, seed: int, record: Recorder) -> tuple[list[Row], int]:
+        """Grids of one world, finer and finer, then the last one over more worlds: rows, and how many were left out."""
         rows: list[Row] = []
         left_out = 0
         for i, step_m in enumerate(self.steps_m):
@@ -93,28 +104,21 @@ class LargeMap:
             for count in range(1, len(covered.sensors) + 1):
                 some = covered.first(count)
                 tick = Tick(i + count - 1, MAP_NS * (i + count - 1))
-                found = self._on(replace(parts, sensor=some), some.part_of(whole), seed, tick, record)
+                found = self._search(replace(parts, sensor=some), some.part_of(whole), seed, tick, record)
                 rows += [{"worlds": count, "step_m": step_m, **row} for row in found]
+        return rows, left_out
 
-        table = {name: [row[name] for row in rows] for name in rows[0]}
-        growth = _growth(rows)
-        record.log("summary", Text(_summary(table, growth, max(self.steps_m)), markdown=True))
-        return Report(self._metrics(rows, left_out), {"maps": table, "exponents": growth}, {"scaling": scaling(rows)})
-
-    def _grid(self, step_m: float) -> GridPoses:
-        return GridPoses(step_m, height_m=self.height_m)
-
-    def _on(self, parts: Parts, places: Places, seed: int, tick: Tick, record: Recorder) -> list[Row]:
+    def _search(self, parts: Parts, places: Places, seed: int, tick: Tick, record: Recorder) -> list[Row]:
         """One row for each localizer on one map."""
         record.log("places", PlaceMap(known_poses(places.T_world_camera, "places")[:, :3, 3]), tick)
-        asked = parts.sensor.plan(RandomPoses(self.query_count, seed, height_m=self.height_m))
-        queries, truth_m = _queries(parts, asked, record, tick, seed)
+        plan = parts.sensor.plan(RandomPoses(self.query_count, seed, height_m=self.height_m))
+        queries, truth_m = _queries(parts, plan, record, tick, seed)
 
         rows: list[Row] = []
-        exact: Searched | None = None
+        exact: SearchCost | None = None
         for name, localizer in {EXHAUSTIVE: parts.localizer, **parts.localizers}.items():
             with record.timed(f"search: {name}", len(queries)):
-                found = Searched.by(localizer, parts.distance, places, queries)
+                found = SearchCost.by(localizer, parts.distance, places, queries)
             exact = exact or found
             rows.append(_row(name, found, exact, places, truth_m, max(self.steps_m)))
             _show(record, rows[-1], found, exact, truth_m, tick)
@@ -122,12 +126,12 @@ class LargeMap:
 
     def _metrics(self, rows: Sequence[Row], left_out: int) -> list[Metric]:
         """Of the largest map, and the least of all. Times and memory are in the table alone: they differ from run to run."""
-        held = [row for row in rows if row["localizer"] != EXHAUSTIVE]
+        compared = [row for row in rows if row["localizer"] != EXHAUSTIVE]
         last = rows[-len({row["localizer"] for row in rows}) :]
         found = [
             Metric("places_most", rows[-1]["places"], "1"),
-            Metric("agreement_least", min(row["agreement"] for row in held), "1"),
-            Metric("same_least", min(row["same"] for row in held), "1"),
+            Metric("agreement_least", min(row["agreement"] for row in compared), "1"),
+            Metric("same_least", min(row["same"] for row in compared), "1"),
             Metric("maps", len(self.steps_m) + len(self.worlds), "1"),
             Metric("queries", self.query_count, "1"),
             Metric("left_out", left_out, "1"),
@@ -138,7 +142,7 @@ class LargeMap:
 
 
 def _queries(parts: Parts, plan: Plan, record: Recorder, tick: Tick, seed: int) -> tuple[Signatures, Floats]:
-    """Signatures of the queries, disturbed as the run says, and where they were taken (Q, 3)."""
+    """Signatures of the disturbed queries, and the positions (Q, 3) where they were taken."""
     signatures, truth_m = [], []
     for frames in deliver_queries(parts, plan, record, seed):
         signatures.append(describe(parts.descriptor, frames, record))
@@ -148,7 +152,7 @@ def _queries(parts: Parts, plan: Plan, record: Recorder, tick: Tick, seed: int) 
     return joined_signatures(signatures), np.concatenate(truth_m)
 
 
-def _row(name: str, found: Searched, exact: Searched, places: Places, truth_m: Floats, coarse_m: float) -> Row:
+def _row(name: str, found: SearchCost, exact: SearchCost, places: Places, truth_m: Floats, coarse_m: float) -> Row:
     return {
         "places": len(places),
         "localizer": name,
@@ -171,8 +175,8 @@ def _peak_mb() -> float:
     return peak / 1e6 if sys.platform == "darwin" else peak * 1024 / 1e6
 
 
-def _show(record: Recorder, row: Row, found: Searched, exact: Searched, truth_m: Floats, tick: Tick) -> None:
-    """The answers, and one point of each curve."""
+def _show(record: Recorder, row: Row, found: SearchCost, exact: SearchCost, truth_m: Floats, tick: Tick) -> None:
+    """The estimates, and one point of each curve."""
     at = np.array([tick.step]), np.array([tick.stamp_ns])
     name = row["localizer"]
     record.log(f"time/{name}", Series(np.array([row["query_ms"]]), *at, "ms"))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -18,29 +17,34 @@ from omnilab.api import (
     Plan,
     Recorder,
     Report,
-    Text,
     Tick,
     Trainable,
 )
 from omnilab.errors import ConfigError
 from omnilab.geometry import heading_of, wrap_angle
-from omnilab_studies.common import plots
-from omnilab_studies.common.describing import deliver_queries, describe, markdown_table, show_frame
+from omnilab_studies.common.describing import describe
+from omnilab_studies.common.frames import deliver_queries
 from omnilab_studies.common.grids import check_extent
+from omnilab_studies.common.localization_metrics import localization_metrics, map_metrics
 from omnilab_studies.common.localization_run import LocalizationRun
-from omnilab_studies.common.pose_sources import Source, layout_without_grid
-from omnilab_studies.common.recall import judged, of_map
-from omnilab_studies.common.scores import as_table
-from omnilab_studies.localization.layout import PLACES
+from omnilab_studies.common.logs import show_frame, start_logs
+from omnilab_studies.common.plots import pixels_of
+from omnilab_studies.common.pose_sources import Source, query_poses
+from omnilab_studies.common.scores import query_table
+from omnilab_studies.common.tables import columns_of, markdown_table
+from omnilab_studies.localization.figures import localization_figures
+from omnilab_studies.localization.layout import LAYOUT
+
+TITLE = "Localisation"  # of the summary
 
 
 @dataclass
 class Localize:
     """Localise queries in a saved map (`map=FILE`), with the descriptor and distance that made it.
 
-    Where the sensor knows where queries were taken the answers are scored; queries far from every place are asked too,
-    and counted as having no true place. A recording without positions is answered and not scored. Localizers that follow
-    a sequence (`localizer=filter`) are told the motion between queries with `odometry_noise`: the true one, disturbed.
+    Where the sensor knows the poses of the queries the estimates are scored; queries far from every place count as
+    having no true place. Queries of a recording without positions are localised and not scored. Localizers of sequences
+    (`localizer=bayes_filter`) get the motion between queries where `odometry_noise` is given: the true motion with noise.
     """
 
     queries: Source = Source.random  # random, path or recorded
@@ -62,70 +66,72 @@ class Localize:
         check_extent(self.extent_m)
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
-        """Localise; score where that is possible."""
-        record.log("", PLACES)
-        if scene := parts.sensor.scene():
-            record.log("room", scene)
-        extent = None if self.extent_m is None else (self.extent_m[0], self.extent_m[1])
+        """Localise; score where the poses of the queries are known."""
+        start_logs(record, LAYOUT, parts.sensor)
         plan = parts.sensor.plan(
-            layout_without_grid(
-                self.queries, self.query_count, self.path, self.heading_step_deg, extent, self.height_m, rng
+            query_poses(
+                self.queries, self.query_count, self.path, self.heading_step_deg, self.extent_m, self.height_m, rng
             )
         )
-        places = parts.map
         if isinstance(parts.descriptor, Trainable):
-            parts = replace(parts, descriptor=parts.descriptor.restore(places.descriptor_state))
-        run = LocalizationRun(parts, places, record, self.show)
+            parts = replace(parts, descriptor=parts.descriptor.restore(parts.map.descriptor_state))
+        run = LocalizationRun(parts, parts.map, record, self.show)
         record.log("places", PlaceMap(run.places_m))
-
-        seed = int(rng.integers(2**32))
+        seed = int(rng.integers(2**32))  # of the disturbances
         if plan.T_world_camera is None:
-            return self._answer(parts, plan, run, record, seed)
-        scored = run.ask(plan, seed, self._motion(plan.T_world_camera, rng))
-        metrics = [*judged(scored, len(places), run.step_m, rng), *of_map(places, scored, len(run.omitted))]
-        drawn = run.figures(scored)
-        record.log("recall", Image(plots.pixels_of(drawn["recall"]), "png"))
-        _close(record, metrics, run.omitted)
-        return Report(metrics, {"queries": as_table(scored, plan.keys)}, drawn)
+            return _unscored(run, plan, seed)
+        return self._scored(run, plan, seed, self._motion(plan.T_world_camera, rng), rng)
+
+    def _scored(
+        self, run: LocalizationRun, plan: Plan, seed: int, motion: Floats | None, rng: np.random.Generator
+    ) -> Report:
+        """Localise queries whose poses are known: metrics, figures, and `queries.csv` (`query_table`)."""
+        scored = run.localize(plan, seed, motion)
+        metrics = localization_metrics(scored, len(run.places), run.step_m, rng)
+        metrics += map_metrics(run.places, scored, len(run.omitted))
+        drawn = localization_figures(run, scored)
+        run.record.log("recall", Image(pixels_of(drawn["recall"]), "png"))
+        tables = {"queries": query_table(scored, plan.keys)}
+        return Report(metrics, tables, drawn, summary=markdown_table(metrics, TITLE), omitted=run.omitted)
 
     def _motion(self, T_world_camera: Floats, rng: np.random.Generator) -> Floats | None:
-        """What odometry says of the motion (Q, 3) up to each query; NaN before the first."""
+        """Simulated odometry: the noisy motion (Q, 3) up to each query; NaN before the first."""
         if self.odometry_noise is None:
             return None
         motion = planar_motion(T_world_camera)
         scale = np.linalg.norm(motion[:, :2], axis=1)[:, None] * [1, 1, 0] + np.abs(motion[:, 2:]) * [0, 0, 1]
         return np.asarray(motion + self.odometry_noise * scale * rng.standard_normal(motion.shape))
 
-    def _answer(self, parts: Parts, plan: Plan, run: LocalizationRun, record: Recorder, seed: int) -> Report:
-        """The answers to queries of which nobody knows where they were taken."""
-        rows: list[dict[str, Any]] = []
-        omitted = list(plan.omitted)
-        for frames in deliver_queries(parts, plan, record, seed):
-            omitted += frames.omitted
-            signatures = describe(parts.descriptor, frames, record)
-            with record.timed("localise", len(frames)):
-                estimates = run.locate(signatures)
-            for i, step in enumerate(frames.plan_index):
-                rows.append(_row(int(step), plan.keys[step], estimates, i))
-            step = int(frames.plan_index[0])
-            show_frame(record, frames, 0, signatures.place[0], Tick(step, int(frames.stamps_ns[0])))
-        table = {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
-        metrics = [
-            Metric("queries", len(rows), "1"),
-            Metric("distance_median", float(np.median([row["distance"] for row in rows])) if rows else np.nan, "1"),
-            Metric("places", len(run.places), "1"),
-        ]
-        _close(record, metrics, omitted)
-        return Report(metrics, {"answers": table})
-
 
 def planar_motion(T_world_camera: Floats) -> Floats:
-    """Forward, left and counter-clockwise motion (N, 3) in m and rad up to each pose (N, 4, 4) from the one before; NaN at first."""
+    """Motion (N, 3) up to each pose (N, 4, 4) from the one before: forward, left [m], counter-clockwise [rad]; NaN at first."""
     heading = heading_of(T_world_camera)
     dx, dy = np.diff(T_world_camera[:, :2, 3], axis=0).T
     c, s = np.cos(heading[:-1]), np.sin(heading[:-1])
     moved = np.column_stack([c * dx + s * dy, c * dy - s * dx, wrap_angle(np.diff(heading))])
     return np.concatenate([np.full((1, 3), np.nan), moved])
+
+
+def _unscored(run: LocalizationRun, plan: Plan, seed: int) -> Report:
+    """Localise queries whose poses nobody knows: the estimates alone, as `answers.csv`."""
+    rows: list[dict[str, Any]] = []
+    omitted = list(plan.omitted)
+    for frames in deliver_queries(run.parts, plan, run.record, seed):
+        omitted += frames.omitted
+        signatures = describe(run.parts.descriptor, frames, run.record)
+        with run.record.timed("localise", len(frames)):
+            estimates = run.locate(signatures)
+        for i, step in enumerate(frames.plan_index):
+            rows.append(_row(int(step), plan.keys[step], estimates, i))
+        step = int(frames.plan_index[0])
+        show_frame(run.record, frames, 0, signatures.place[0], Tick(step, int(frames.stamps_ns[0])))
+    metrics = [
+        Metric("queries", len(rows), "1"),
+        Metric("distance_median", float(np.median([row["distance"] for row in rows])) if rows else np.nan, "1"),
+        Metric("places", len(run.places), "1"),
+    ]
+    tables = {"answers": columns_of(rows) if rows else {}}
+    return Report(metrics, tables, summary=markdown_table(metrics, TITLE), omitted=omitted)
 
 
 def _row(step: int, key: str, estimates: Estimates, i: int) -> dict[str, Any]:
@@ -135,9 +141,3 @@ def _row(step: int, key: str, estimates: Estimates, i: int) -> dict[str, Any]:
         "query": step, "key": key, "place": int(estimates.place[i]), "answer_x_m": x, "answer_y_m": y, "answer_z_m": z,
         "answer_heading_deg": heading, "distance": float(estimates.distance[i]),
     }  # fmt: skip
-
-
-def _close(record: Recorder, metrics: list[Metric], omitted: Sequence[str]) -> None:
-    record.log("summary", Text(markdown_table(metrics, "Localisation"), markdown=True))
-    for sentence in omitted:
-        record.log("log", Text(f"left out: {sentence}"))

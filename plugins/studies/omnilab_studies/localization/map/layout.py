@@ -1,4 +1,4 @@
-"""How the study `map` looks in a viewer."""
+"""Viewer layout of the study `map`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A map, described once and kept for other runs."""
+"""A map of places, described once and saved for other runs."""
 
 from __future__ import annotations
 
@@ -18,24 +18,27 @@ from omnilab.api import (
     RecordedPoses,
     Recorder,
     Report,
-    Text,
     Tick,
 )
 from omnilab.errors import ConfigError
 from omnilab.geometry import heading_of
 from omnilab.metrics import spacing
-from omnilab_studies.common.describing import deliver, describe_places, evenly, fitted, markdown_table, show_frame
+from omnilab_studies.common.describing import describe_places, fitted
+from omnilab_studies.common.frames import deliver
 from omnilab_studies.common.grids import check_extent, check_step_or_every, grid_poses
+from omnilab_studies.common.logs import show_frame, start_logs
 from omnilab_studies.common.pose_sources import Source
+from omnilab_studies.common.samples import evenly
+from omnilab_studies.common.tables import markdown_table
 from omnilab_studies.localization.map.layout import LAYOUT
 
 
 @dataclass
-class MakeMap:
+class MapStudy:
     """Describe the places of a grid, of a path or of a recording, and keep them as `map.npz` in the run's folder.
 
-    Other runs localise in it: `omnilab experiment=localize map=FILE`. It holds signatures, poses and what a descriptor
-    has learnt, and the settings of descriptor and distance; no pictures.
+    Other runs localise in it: `omnilab experiment=localize map=FILE`. It holds signatures, poses, the state of a
+    trained descriptor, and the settings of descriptor and distance; no images.
     """
 
     places: Source = Source.grid  # grid, path or recorded
@@ -56,39 +59,39 @@ class MakeMap:
         check_extent(self.extent_m)
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:  # noqa: ARG002
-        """Describe, show some, keep."""
-        record.log("", LAYOUT)
-        if scene := parts.sensor.scene():
-            record.log("room", scene)
-        plan = parts.sensor.plan(self._layout())
+        """Describe the places, log some of them, return the map."""
+        start_logs(record, LAYOUT, parts.sensor)
+        plan = parts.sensor.plan(self._place_poses())
         parts = fitted(parts, plan, record)
         places, omitted = describe_places(parts, plan, record)
-        T = places.T_world_camera
-        metrics = [
-            Metric("places", len(places), "1"),
-            Metric("bytes_per_place", places.signatures.nbytes / len(places), "B"),
-            Metric("left_out", len(omitted), "1"),
-        ]
-        if T is not None:
+        if (T := places.T_world_camera) is not None:
             record.log("places", PlaceMap(T[:, :3, 3], heading_of(T)))
-            metrics.append(Metric("step", spacing(T[:, :3, 3]), "m"))
         self._show(parts, plan, places, record)
-        record.log("summary", Text(markdown_table(metrics, "Map"), markdown=True))
-        for sentence in omitted:
-            record.log("log", Text(f"left out: {sentence}"))
-        return Report(metrics, map=places)
+        metrics = _metrics(places, len(omitted))
+        return Report(metrics, map=places, summary=markdown_table(metrics, "Map"), omitted=omitted)
 
     def _show(self, parts: Parts, plan: Plan, places: Places, record: Recorder) -> None:
-        """Pictures of some of the places, evenly chosen."""
+        """Log images and signatures of evenly spaced places."""
         at = {key: i for i, key in enumerate(places.keys)}
         chosen = evenly(len(plan), self.show)
         for frames in deliver(parts, plan.at(chosen), record, "pictures"):
             for i, step in enumerate(chosen[frames.plan_index]):
                 show_frame(record, frames, i, places.signatures.place[at[frames.keys[i]]], Tick(int(step), int(step)))
 
-    def _layout(self) -> PoseRequest:
+    def _place_poses(self) -> PoseRequest:
         if self.places is Source.recorded:
             return RecordedPoses()
         if self.places is Source.path:
             return NamedPath(self.path, self.height_m)
         return grid_poses(self.step_m, self.every, self.extent_m, self.height_m)
+
+
+def _metrics(places: Places, omitted: int) -> list[Metric]:
+    found = [
+        Metric("places", len(places), "1"),
+        Metric("bytes_per_place", places.signatures.nbytes / len(places), "B"),
+        Metric("left_out", omitted, "1"),
+    ]
+    if places.T_world_camera is not None:
+        found.append(Metric("step", spacing(places.T_world_camera[:, :3, 3]), "m"))
+    return found

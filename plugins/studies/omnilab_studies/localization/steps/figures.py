@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from omnilab.metrics import VERDICTS
-from omnilab_studies.common.comparison_plots import style_of
-from omnilab_studies.common.plots import COLORS
-from omnilab_studies.common.plots import _figure as blank
+from omnilab_studies.common.plots import COLORS, blank_figure, style_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,7 +21,7 @@ def success(rows: Rows) -> Figure:
     """Nearest, second and wrong answers against the step: methods across, kinds of headings down (thesis, figure 4.13)."""
     names = list(dict.fromkeys(row["method"] for row in rows))
     kinds = list(dict.fromkeys(row["headings"] for row in rows))
-    figure = blank(0.9 + 2.9 * len(names), 0.6 + 2.7 * len(kinds))
+    figure = blank_figure(0.9 + 2.9 * len(names), 0.6 + 2.7 * len(kinds))
     panels = figure.subplots(len(kinds), len(names), squeeze=False, sharex=True, sharey=True)
     for line, kind in zip(panels, kinds, strict=True):
         for axes, name in zip(line, names, strict=True):
@@ -53,7 +51,7 @@ def heading_error(rows: Rows) -> Figure:
     names = list(dict.fromkeys(row["method"] for row in rows))
     kinds = list(dict.fromkeys(row["headings"] for row in rows))
     style = style_of(names)
-    figure = blank(0.9 + 3.9 * len(kinds), 3.8)
+    figure = blank_figure(0.9 + 3.9 * len(kinds), 3.8)
     for axes, kind in zip(figure.subplots(1, len(kinds), squeeze=False, sharey=True)[0], kinds, strict=True):
         for name in names:
             own = [row for row in rows if (row["method"], row["headings"]) == (name, kind)]

@@ -1,4 +1,4 @@
-"""How the study `steps` looks in a viewer."""
+"""Viewer layout of the study `steps`."""
 
 from __future__ import annotations
 

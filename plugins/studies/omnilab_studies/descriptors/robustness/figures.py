@@ -1,38 +1,28 @@
-"""Figures that compare methods."""
+"""Figures of the study `robustness`: rates over the levels, sharpness, distance surfaces, cost against accuracy."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from omnilab.api import Bytes, Floats
-from omnilab_studies.common.plots import _figure as blank
+from omnilab_studies.common.plots import blank_figure, plain_axes, style_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from omnilab_studies.common.disturbance_levels import Level
-    from omnilab_studies.common.method_runs import Cost
-
-CURVES = ["#2563a8", "#d1403f", "#2a9d5c", "#e9a320", "#7d4fa3", "#17a2b0", "#8b5a2b", "#d6579b", "#5b6470", "#9aa51e"]
-MARKERS = "osD^vP*Xph"
-
-
-def style_of(names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """A colour and a marker for each method, the same in all figures."""
-    return {
-        name: {"color": CURVES[i % len(CURVES)], "marker": MARKERS[i % len(MARKERS)]} for i, name in enumerate(names)
-    }
+    from omnilab_studies.common.method_runs import MethodCost
 
 
 def pictures(shown: Sequence[Bytes], levels: Sequence[Level]) -> Figure:
     """The first query, clear and at every level; a row a disturbance."""
     rows = _by_disturbance(levels)
     columns = 1 + max(len(steps) for steps in rows.values())
-    figure = blank(2.0 * columns, 2.25 * len(rows))
+    figure = blank_figure(2.0 * columns, 2.25 * len(rows))
     grid = figure.subplots(len(rows), columns, squeeze=False)
     for axes in grid.flat:
         axes.set_axis_off()
@@ -44,11 +34,11 @@ def pictures(shown: Sequence[Bytes], levels: Sequence[Level]) -> Figure:
 
 
 def rates(found: Mapping[str, Floats], levels: Sequence[Level], queries: int) -> Figure:
-    """The rate of nearest answers against each disturbance (thesis, figure 4.23)."""
+    """The rate of nearest estimates against each disturbance (thesis, figure 4.23)."""
     rows = _by_disturbance(levels)
     columns = min(3, len(rows) + 1)
     lines = -(-(len(rows) + 1) // columns)
-    figure = blank(4.0 * columns, 3.1 * lines)
+    figure = blank_figure(4.0 * columns, 3.1 * lines)
     grid = figure.subplots(lines, columns, squeeze=False, sharey=True).ravel()
     style = style_of(list(found))
     for axes, (name, steps) in zip(grid, rows.items(), strict=False):
@@ -57,7 +47,7 @@ def rates(found: Mapping[str, Floats], levels: Sequence[Level], queries: int) ->
         ticks = ["clear", *(_value(levels[i]) for i in steps)]
         axes.set_xticks(range(len(ticks)), ticks)
         axes.set(ylim=(0, 103), title=name.replace("_", " "), xlabel=levels[steps[0]].setting.replace("_", " "))
-        _plain(axes)
+        plain_axes(axes)
     for axes in grid[len(rows) :]:
         axes.set_axis_off()
     for axes in grid[::columns]:
@@ -69,8 +59,8 @@ def rates(found: Mapping[str, Floats], levels: Sequence[Level], queries: int) ->
 
 
 def sharpness(found: Mapping[str, Floats]) -> Figure:
-    """C of every clear query (Q,), by method: a dot each, and the mean (thesis, eq. 4.6)."""
-    figure = blank(6.4, 1.1 + 0.55 * len(found))
+    """Sharpness C of every clear query (Q,), by method: a dot each, and the mean (thesis, eq. 4.6)."""
+    figure = blank_figure(6.4, 1.1 + 0.55 * len(found))
     axes = figure.subplots()
     style = style_of(list(found))
     for y, (name, values) in enumerate(found.items()):
@@ -81,15 +71,15 @@ def sharpness(found: Mapping[str, Floats]) -> Figure:
     axes.set_yticks(range(len(found)), list(found))
     axes.invert_yaxis()
     axes.set(xlim=(0, 102), xlabel="C = (mean - min) / (max - min) of a query's distances [%]", title="Sharpness")
-    _plain(axes)
+    plain_axes(axes)
     return figure
 
 
 def surfaces(places_m: Floats, fields: Mapping[str, Floats], truth_m: Floats) -> Figure:
-    """The distances of the first clear query to all places, each method on its own scale (thesis, figure 4.24)."""
+    """Distance surfaces of the first clear query, each method on its own scale (thesis, figure 4.24)."""
     columns = min(len(fields), 5)
     rows = -(-len(fields) // columns)
-    figure = blank(2.6 * columns, 2.9 * rows)
+    figure = blank_figure(2.6 * columns, 2.9 * rows)
     x, y = (np.unique(places_m[:, axis].round(6)) for axis in (0, 1))
     for axes, (name, field) in zip(figure.subplots(rows, columns, squeeze=False).flat, fields.items(), strict=False):
         axes.pcolormesh(x, y, field.reshape(len(y), len(x)), cmap="viridis_r", shading="nearest")
@@ -103,9 +93,9 @@ def surfaces(places_m: Floats, fields: Mapping[str, Floats], truth_m: Floats) ->
     return figure
 
 
-def pareto(costs: Mapping[str, Cost], accuracy: Mapping[str, float], title: str) -> Figure:
-    """Cost against accuracy: bytes of a place, and time of a query. The line joins those that no other beats in both."""
-    figure = blank(9.6, 4.2)
+def pareto(costs: Mapping[str, MethodCost], accuracy: Mapping[str, float], title: str) -> Figure:
+    """Cost against accuracy: bytes of a place, and time of a query; the line joins the Pareto front."""
+    figure = blank_figure(9.6, 4.2)
     left, right = figure.subplots(1, 2, sharey=True)
     _front(left, {name: cost.bytes_per_place / 1024 for name, cost in costs.items()}, accuracy)
     _front(right, {name: cost.query_ms for name, cost in costs.items()}, accuracy)
@@ -126,12 +116,7 @@ def _front(axes: Axes, cost: Mapping[str, float], accuracy: Mapping[str, float])
     front = sorted((cost[name], 100 * accuracy[name]) for name in best)
     axes.plot(*zip(*front, strict=True), color="#8b93a1", linewidth=1.2, drawstyle="steps-post", zorder=1)
     axes.set_xscale("log")
-    _plain(axes)
-
-
-def _plain(axes: Axes) -> None:
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.grid(alpha=0.25)
+    plain_axes(axes)
 
 
 def _value(level: Level) -> str:

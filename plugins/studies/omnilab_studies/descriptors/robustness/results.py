@@ -1,4 +1,4 @@
-"""What methods answered at every level, and what it amounts to."""
+"""Results of the study `robustness`: estimates of every method at every level, rates, areas, breakdown points."""
 
 from __future__ import annotations
 
@@ -11,39 +11,42 @@ import numpy as np
 from omnilab.api import Bytes, Floats, Metric
 from omnilab.metrics import VERDICTS
 from omnilab_studies.common.disturbance_levels import Level
-from omnilab_studies.common.method_runs import Answered, Cost
-from omnilab_studies.common.scores import Scored, joined
+from omnilab_studies.common.method_runs import MethodCost, MethodEstimates
+from omnilab_studies.common.methods import key_of
+from omnilab_studies.common.scores import ScoredEstimates, joined_estimates
+from omnilab_studies.common.tables import columns_of
 
 BROKEN = 0.5  # of the rate of clear queries
 
 
 class Comparison:
-    """The answers of every method at every level."""
+    """The scored estimates of every method at every level."""
 
     def __init__(self, names: Sequence[str], levels: Sequence[Level]) -> None:
         self.names, self.levels = names, levels
         self.pictures: list[Bytes] = []  # of the first query, at each level
         self.fields: dict[str, Floats] = {}  # its clear distances to all places
-        self._batches: dict[tuple[str, int], list[Scored]] = {}
+        self._batches: dict[tuple[str, int], list[ScoredEstimates]] = {}
 
-    def take(self, step: int, answered: Answered) -> None:
-        name, distances = answered.method.name, answered.estimates.field
-        self._batches.setdefault((name, step), []).append(answered.scored)
+    def add(self, step: int, found: MethodEstimates) -> None:
+        """Add the estimates of one method for a batch of queries at one level."""
+        name, distances = found.method.name, found.estimates.field
+        self._batches.setdefault((name, step), []).append(found.scored)
         if step == 0 and name not in self.fields and distances is not None:
             self.fields[name] = distances[0]
 
-    def at(self, step: int) -> dict[str, Scored]:
-        """All answers at one level, by method."""
-        return {name: joined(self._batches.get((name, step), [])) for name in self.names}
+    def at(self, step: int) -> dict[str, ScoredEstimates]:
+        """All estimates at one level, by method."""
+        return {name: joined_estimates(self._batches.get((name, step), [])) for name in self.names}
 
     @cached_property
     def rates(self) -> dict[str, Floats]:
-        """Rates of nearest answers (levels,) of each method."""
+        """Rates of nearest estimates (levels,) of each method."""
         steps = [self.at(step) for step in range(len(self.levels))]
         return {name: np.array([float(np.mean(s[name].verdict == "nearest")) for s in steps]) for name in self.names}
 
     def area(self, name: str, disturbance: str | None = None) -> float:
-        """Mean rate of nearest answers over a disturbance's levels, or the mean of that over all disturbances."""
+        """Mean rate of nearest estimates over a disturbance's levels, or the mean of that over all disturbances."""
         disturbances = self.disturbances if disturbance is None else [disturbance]
         return float(np.mean([self.rates[name][self.steps_of(d)].mean() for d in disturbances]))
 
@@ -55,18 +58,20 @@ class Comparison:
 
     @property
     def disturbances(self) -> list[str]:
+        """The names of the disturbances."""
         return list(dict.fromkeys(level.disturbance for level in self.levels[1:]))
 
     def steps_of(self, disturbance: str) -> list[int]:
+        """The indices of a disturbance's levels."""
         return [i for i, level in enumerate(self.levels) if level.disturbance == disturbance]
 
     def table(self) -> dict[str, list[Any]]:
-        """One row a method and level."""
+        """The table `levels`: one row a method and level."""
         rows = [_row(name, level, self.at(i)[name]) for i, level in enumerate(self.levels) for name in self.names]
         return columns_of(rows)
 
 
-def _row(name: str, level: Level, scored: Scored) -> dict[str, Any]:
+def _row(name: str, level: Level, scored: ScoredEstimates) -> dict[str, Any]:
     return {
         "method": name,
         "disturbance": level.disturbance,
@@ -81,17 +86,8 @@ def _row(name: str, level: Level, scored: Scored) -> dict[str, Any]:
     }
 
 
-def key_of(name: str) -> str:
-    """A method's name as a part of others."""
-    return name.replace(" + ", "_")
-
-
-def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
-    return {key: [row[key] for row in rows] for key in rows[0]}
-
-
-def summary_of(comparison: Comparison, costs: Mapping[str, Cost]) -> list[dict[str, Any]]:
-    """One row a method."""
+def summary_of(comparison: Comparison, costs: Mapping[str, MethodCost]) -> list[dict[str, Any]]:
+    """The table `robustness`: one row a method, with the sharpness C of clear queries (thesis, eq. 4.6)."""
     clear = comparison.at(0)
     return [
         {
@@ -110,8 +106,8 @@ def summary_of(comparison: Comparison, costs: Mapping[str, Cost]) -> list[dict[s
     ]
 
 
-def metrics_of(comparison: Comparison, costs: Mapping[str, Cost]) -> list[Metric]:
-    """Areas first: they are what tables of runs show."""
+def metrics_of(comparison: Comparison, costs: Mapping[str, MethodCost]) -> list[Metric]:
+    """The metrics, areas first: tables of runs show these."""
     found = [Metric(f"{key_of(name)}_area", comparison.area(name), "1") for name in comparison.names]
     for name, scored in comparison.at(0).items():
         key = key_of(name)
@@ -127,7 +123,7 @@ def metrics_of(comparison: Comparison, costs: Mapping[str, Cost]) -> list[Metric
 
 
 def markdown_of(summary: Sequence[Mapping[str, Any]], levels: Sequence[Level], rates: Mapping[str, Floats]) -> str:
-    """Rates of every level, and the rest of what was found."""
+    """The summary: rates at every level, and the rest of the table `robustness`."""
     names = [str(row["method"]) for row in summary]
     lines = ["## Robustness", "", f"| nearest | {' | '.join(names)} |", "|---" * (len(names) + 1) + "|"]
     for i, level in enumerate(levels):

@@ -1,4 +1,4 @@
-"""Answers judged as the field reports them, with confidence intervals."""
+"""Metrics of localisation: rates, errors, recall@N, precision and recall, with confidence intervals."""
 
 from __future__ import annotations
 
@@ -17,17 +17,19 @@ from omnilab.metrics import (
     recall_at,
     recall_at_full_precision,
 )
-from omnilab_studies.common.scores import Scored
+from omnilab_studies.common.scores import ScoredEstimates
 
 Statistic = Callable[[Ints], float]  # of the queries with these indices
 SHOWN_RANKS = (1, 5, 10)
 
 
-def judged(scored: Scored, place_count: int, step_m: float, rng: np.random.Generator) -> list[Metric]:
-    """Rates, errors, recall and precision of the answers to queries on a map of so many places, `step_m` apart.
+def localization_metrics(
+    scored: ScoredEstimates, place_count: int, step_m: float, rng: np.random.Generator
+) -> list[Metric]:
+    """Rates, errors, recall and precision of the estimates on a map of `place_count` places, `step_m` apart.
 
     Each with a 95 % interval by bootstrap over the queries. True places of a query are those within one step. A query
-    that has none is left out of the recalls; accepting an answer to it costs precision.
+    without any does not count for recall; an estimate accepted for it lowers precision.
     """
     count = len(scored.place)
     found = [
@@ -38,7 +40,7 @@ def judged(scored: Scored, place_count: int, step_m: float, rng: np.random.Gener
     return [*found, Metric("queries", count, "1"), without]
 
 
-def _statistics(scored: Scored, place_count: int, step_m: float) -> Iterator[tuple[str, str, Statistic]]:
+def _statistics(scored: ScoredEstimates, place_count: int, step_m: float) -> Iterator[tuple[str, str, Statistic]]:
     """Name, unit and definition of each."""
     for verdict in VERDICTS:
         yield f"{verdict}_rate", "1", _mean(scored.verdict == verdict)
@@ -54,23 +56,24 @@ def _statistics(scored: Scored, place_count: int, step_m: float) -> Iterator[tup
     yield "recall_at_full_precision", "1", lambda chosen: recall_at_full_precision(*curve(scored, chosen))
 
 
-def recalled(scored: Scored, place_count: int) -> dict[str, int]:
-    """The recalls that can be told, and how many places each looks at: without all distances, the answer alone."""
+def recalled(scored: ScoredEstimates, place_count: int) -> dict[str, int]:
+    """Names of the recalls that can be computed, and N of each: without all distances, that of the estimate alone."""
     if not scored.has_ranks:
         return {"recall_at_1": 1}
     named = {f"recall_at_{n}": n for n in SHOWN_RANKS if n < place_count}
     return named | {"recall_at_1_percent": -(-place_count // 100)}
 
 
-def true_ranks(scored: Scored) -> Ints:
-    """The rank (Q,) of the first true place, 0 for a query without one; without all distances, 1 if it is the answer, or 2."""
+def true_ranks(scored: ScoredEstimates) -> Ints:
+    """The rank (Q,) of the first true place, 0 for a query without one; without all distances, 1 if the estimate is
+    true, or 2."""
     if scored.has_ranks:
         return scored.true_rank
     return np.where(scored.known, np.where(scored.correct, 1, 2), 0)
 
 
-def curve(scored: Scored, chosen: Ints | slice = slice(None)) -> tuple[Floats, Floats]:
-    """Precision and recall (K,) of the answers, or some of them, the most certain first."""
+def curve(scored: ScoredEstimates, chosen: Ints | slice = slice(None)) -> tuple[Floats, Floats]:
+    """Precision and recall (K,) as estimates, or some of them, are accepted, the most certain first."""
     return precision_recall(scored.distance[chosen], scored.correct[chosen], scored.known[chosen])[:2]
 
 
@@ -96,8 +99,8 @@ def _of(statistic: Callable[[Floats], Any], values: Floats, chosen: Ints) -> flo
     return float(statistic(values[chosen]))
 
 
-def of_map(places: Places, scored: Scored, omitted: int) -> list[Metric]:
-    """How sharply a map answers, and its size."""
+def map_metrics(places: Places, scored: ScoredEstimates, omitted: int) -> list[Metric]:
+    """Sharpness C of a map's distances (thesis, eq. 4.6), mean over the queries, and the map's size."""
     found = [Metric("sharpness_mean", float(scored.sharpness.mean()), "1")] if scored.has_ranks else []
     size = places.signatures.nbytes / len(places)
     return [
