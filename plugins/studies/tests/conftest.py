@@ -70,7 +70,7 @@ class Painted:
     """Reads the position back, four columns wide."""
 
     scale: float = 1.0
-    view, color, turned, default_distance = "mirror", False, "same", "apart"
+    view, color, rotation, default_distance = "mirror", False, "invariant", "apart"
 
     def describe(self, images):
         found = self.scale * images[:, 5, 3:5].astype(np.float32)

@@ -46,7 +46,7 @@ class Tower:
 class Read:
     """Reads the position in the plan."""
 
-    view, color, turned, default_distance = "mirror", False, "same", "apart"
+    view, color, rotation, default_distance = "mirror", False, "invariant", "apart"
 
     def describe(self, images):
         return Signatures(images[:, 5, 3:5].astype(np.float32))
