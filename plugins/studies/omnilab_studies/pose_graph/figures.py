@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from omnilab.api import Bytes, Floats, Ints, PoseGraph
 from omnilab.posegraph.graph import edge_chi2, is_loop
 from omnilab_studies.common.comparison_plots import style_of
-from omnilab_studies.common.plots import _figure as blank
+from omnilab_studies.common.plots import _figure as blank_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,7 +43,7 @@ def graphs(graph: PoseGraph, panels: Mapping[str, Floats], truth: Floats | None,
     rows = -(-len(panels) // columns)
     spans = [np.ptp(poses[:, :2], axis=0) for poses in panels.values()]
     ratio = np.clip(np.median([span[1] / max(span[0], 1e-9) for span in spans]), 0.5, HIGH)
-    figure = blank(4.6 * columns, rows * (4.3 * ratio + 0.7) + 0.3)
+    figure = blank_figure(4.6 * columns, rows * (4.3 * ratio + 0.7) + 0.3)
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes in grid[len(panels) :]:
         axes.set_axis_off()
@@ -65,12 +64,12 @@ def _draw(axes: Axes, graph: PoseGraph, poses: Floats, truth: Floats | None, wro
         axes.legend(fontsize=7, frameon=False, loc="upper right")
     order = np.argsort(np.where(loops, off, -1))  # the worst on top
     is_wrong = np.isin(order, wrong)
-    widths: npt.NDArray[Any] = np.where(loops[order], np.where(is_wrong, 0.35, 0.8), 0.8)
+    widths: Floats = np.where(loops[order], np.where(is_wrong, 0.35, 0.8), 0.8)
     lines = poses[graph.edges[order], :2]
     axes.add_collection(LineCollection(list(lines), colors=list(paint[order]), linewidths=widths.tolist(), zorder=1))
-    seen = poses if truth is None else np.concatenate([poses, truth])
-    axes.set_xlim(*_limits(seen[:, 0]))
-    axes.set_ylim(*_limits(seen[:, 1]))
+    shown = poses if truth is None else np.concatenate([poses, truth])
+    axes.set_xlim(*_limits(shown[:, 0]))
+    axes.set_ylim(*_limits(shown[:, 1]))
     axes.set(aspect="equal", adjustable="datalim", xlabel="x [m]", ylabel="y [m]")
     axes.spines[["top", "right"]].set_visible(False)
 
@@ -91,7 +90,7 @@ def _ramp(figure: Figure, panels: Any) -> None:
 
 def growth(times_ms: Mapping[str, Floats]) -> Figure:
     """How long each pose took to add, and the running mean of a hundred."""
-    figure = blank(7.2, 3.4)
+    figure = blank_figure(7.2, 3.4)
     axes = figure.subplots()
     for (name, values), style in zip(times_ms.items(), style_of(list(times_ms)).values(), strict=True):
         axes.plot(values, ".", color=style["color"], markersize=2, alpha=0.35)

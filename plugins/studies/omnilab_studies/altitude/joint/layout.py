@@ -10,8 +10,8 @@ LAYOUT = ViewLayout(
         (
             Panel("image", "Query, a height a step", ("query/image",)),
             Panel("image", "Panorama", ("query/panorama",)),
-            Panel("plot", "Rate of nearest answers at each height", ("nearest",)),
-            Panel("plot", "Height above the map: true, and told", ("height",)),
+            Panel("plot", "Rate of nearest places at each height", ("nearest",)),
+            Panel("plot", "Height above the map: true, and estimated", ("height",)),
         ),
         (Panel("text", "Result", ("summary",)), Panel("log", "Log", ("log",))),
     ),
