@@ -167,7 +167,7 @@ def _check_rotations(table: _Table, columns: Sequence[str], values: Floats) -> N
 def tum_text(T: Floats, stamps_ns: Ints) -> str:
     """Poses (N, 4, 4) at times (N,) in TUM's format, `timestamp tx ty tz qx qy qz qw`; numbers read back exactly."""
     rows = np.column_stack([T[:, :3, 3], quaternion_xyzw(T)]).tolist()
-    times = [f"{stamp // 10**9}.{stamp % 10**9:09d}" for stamp in stamps_ns.tolist()]
+    times = [f"{'-' * (t < 0)}{abs(t) // 10**9}.{abs(t) % 10**9:09d}" for t in stamps_ns.tolist()]
     return "".join(f"{time} {' '.join(map(repr, row))}\n" for time, row in zip(times, rows, strict=True))
 
 

@@ -13,13 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from omnilab.api import Bytes, Camera, Floats, Ints, Parts, Plan
 from omnilab.cameras import ImageCircle, RayCamera, save_camera
 from omnilab.errors import ConfigError, DataError
-from omnilab.geometry import heading_of, quaternion_xyzw
-from omnilab.trajectory.files import MATRIX, POSITION
+from omnilab.geometry import heading_of
+from omnilab.trajectory.files import MATRIX, POSITION, tum_text
 
 ABOUT = "dataset.json"
 LARGEST_FILE = 64 * 2**20  # bytes, of dataset.json
@@ -105,7 +104,7 @@ class DataSet:
         if cells is not None:
             columns |= {"ix": cells[numbers, 0].tolist(), "iy": cells[numbers, 1].tolist()}
         self._write(self.folder / "positions.csv", _csv(columns))
-        self._write(self.folder / "poses.tum", "".join(_tum(poses, stamps.tolist())).encode())
+        self._write(self.folder / "poses.tum", tum_text(poses, stamps).encode())
 
     def close(self, contents: Mapping[str, Any], found: Mapping[str, Any]) -> None:
         """Say that the data set is complete, and what was found on the way."""
@@ -212,11 +211,3 @@ def _csv(columns: Mapping[str, Sequence[Any]]) -> bytes:
     writer.writerow(columns)
     writer.writerows(zip(*columns.values(), strict=True))
     return stream.getvalue().encode()
-
-
-def _tum(poses: npt.NDArray[Any], stamps_ns: Sequence[int]) -> Iterator[str]:
-    """Lines `t tx ty tz qx qy qz qw`."""
-    values = np.concatenate([poses[:, :3, 3], quaternion_xyzw(poses)], 1).tolist()
-    for stamp, row in zip(stamps_ns, values, strict=True):
-        sign, (seconds, nanos) = "-" * (stamp < 0), divmod(abs(stamp), 10**9)
-        yield f"{sign}{seconds}.{nanos:09d} {' '.join(map(repr, row))}\n"
