@@ -1,4 +1,4 @@
-"""How the study `altitude` looks in a viewer."""
+"""Viewer layout of the study `altitude`."""
 
 from __future__ import annotations
 

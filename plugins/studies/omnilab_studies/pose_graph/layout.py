@@ -1,4 +1,4 @@
-"""How the study `pose_graph` looks in a viewer."""
+"""Viewer layout of the study `pose_graph`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the study `joint` looks in a viewer."""
+"""Viewer layout of the study `joint`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the study `views` looks in a viewer."""
+"""Viewer layout of the study `views`."""
 
 from __future__ import annotations
 
