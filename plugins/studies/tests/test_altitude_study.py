@@ -15,7 +15,7 @@ from omnilab.geometry import heading_of, planar_poses, wrap_angle
 from omnilab.runner.recorder import Recorder
 from omnilab.testing import check_study
 from omnilab_studies import Altitude
-from omnilab_studies.altitude.results import Told, sign_rate
+from omnilab_studies.altitude.results import HeightEstimates, sign_rate
 
 CAMERA = ImageCircle(16, 16, Circle(7.5, 7.5, 8))
 
@@ -55,17 +55,17 @@ class Tower:
 
 @dataclass
 class Reads:
-    """Reads the height back, in centimetres times `gain`; beyond `reach_m` it answers nothing."""
+    """Reads the height back, in centimetres times `gain`; beyond `reach_m` it estimates nothing."""
 
     gain: float = 1.0
     reach_m: float = 10.0
 
     def relative(self, references, tests, camera):
         rise = tests[:, 5, 0].astype(float) - references[:, 5, 0]
-        turn = (tests[:, 5, 1].astype(float) - references[:, 5, 1]) / 40
+        rotation = (tests[:, 5, 1].astype(float) - references[:, 5, 1]) / 40
         value = np.where(np.abs(rise) > 100 * self.reach_m, np.nan, self.gain * rise)
         curves = {"first": np.abs(np.arange(9) - rise[:, None]), "second": np.abs(np.arange(9) + rise[:, None])}
-        return Heights(value, "cm", np.full(len(tests), 0.5), wrap_angle(turn), curves)
+        return Heights(value, "cm", np.full(len(tests), 0.5), wrap_angle(rotation), curves)
 
 
 @dataclass
@@ -136,7 +136,7 @@ def test_scores_are_those_that_arithmetic_gives():
 
 
 @pytest.mark.slow
-def test_cameras_are_turned_and_rotations_scored():
+def test_cameras_are_rotated_and_rotations_scored():
     tower = Tower()
     report = run(Altitude(position_count=2), parts_of(sensor=tower))
     heading = heading_of(tower.asked[-1].T_world_camera)
@@ -163,15 +163,13 @@ def recorded(*heights, x=0.0):
 
 def test_recorded_columns_in_any_order_and_references_by_number():
     tower = Tower([*recorded(1.4, 1.25, 1.55, 1.7), *recorded(1.25, 1.4, x=1.0), *recorded(2.0, x=2.0)])
-    log = Log()
     study = Altitude(recorded=True, references_h=[1, 3])
-    report = run(study, parts_of(sensor=tower), log)
+    report = run(study, parts_of(sensor=tower))
     table = report.tables["estimates"]
     assert sorted(set(table["height_m"])) == [1.25, 1.4, 1.55, 1.7]
     assert set(table["reference"]) == {"h=1", "h=3"}
     assert values(report)["good_sign_clear"] == 1
-    said = [record.text for path, record, _ in log.logged if path == "log"]
-    assert said == ["left out: 1 columns without the references h=1 and h=3"]
+    assert report.omitted == ["1 columns without the references h=1 and h=3"]
 
 
 @pytest.mark.parametrize(
@@ -213,6 +211,6 @@ def test_a_study_without_an_altimeter_is_refused():
 
 def test_a_silent_altimeter_has_no_line_and_no_sign():
     silent = Heights(np.full(3, np.nan), "px", np.zeros(3), np.zeros(3))
-    told = Told(0, np.arange(3.0), np.arange(3.0), silent, np.zeros(3))
-    assert told.line(2.0) is None
-    assert sign_rate(told.value, told.rise_m) == 0
+    estimates = HeightEstimates(0, np.arange(3.0), np.arange(3.0), silent, np.zeros(3))
+    assert estimates.line(2.0) is None
+    assert sign_rate(estimates.value, estimates.rise_m) == 0

@@ -115,7 +115,7 @@ def test_a_perfect_altimeter_is_perfect_in_any_unit():
     assert metrics["scale"] == pytest.approx(0.1, rel=1e-3)  # ten grey levels a hand, a hundred a metre
     assert metrics["nearest_rate"] > 0.9
     rows = report.tables["joint"]
-    assert np.allclose(rows["told_median_m"], rows["offset_m"], atol=0.006)
+    assert np.allclose(rows["estimate_median_m"], rows["offset_m"], atol=0.006)
     assert len(report.tables["queries"]["rise_m"]) == 8 * 20
     assert "joint" in report.figures
 
@@ -123,14 +123,14 @@ def test_a_perfect_altimeter_is_perfect_in_any_unit():
 def test_metres_are_not_scaled():
     _, metrics = run(Joint(query_count=10, step_m=1.0), altimeter=Gauge("m", 0.02))
     assert "scale" not in metrics
-    assert metrics["height_error_median"] > 0.05  # it tells twice the height
+    assert metrics["height_error_median"] > 0.05  # it estimates twice the height
 
 
-def test_one_that_cannot_tell_is_counted():
+def test_queries_without_an_estimate_are_counted():
     report, metrics = run(Joint(query_count=10, step_m=1.0), altimeter=Gauge("m", float("nan")))
     assert np.isnan(metrics["height_error_median"])
     assert metrics["sign_rate"] == 0
-    assert report.tables["joint"]["not_told"] == [10] * 8
+    assert report.tables["joint"]["not_estimated"] == [10] * 8
 
 
 @pytest.mark.parametrize(

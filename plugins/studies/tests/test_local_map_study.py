@@ -1,4 +1,4 @@
-"""Local maps where image distances are metres, and what is told of maps that cannot be made."""
+"""Local maps where image distances are metres, and the errors for maps that cannot be made."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.runner.recorder import Recorder
 from omnilab.testing import check_study
 from omnilab_studies import LocalMap
-from omnilab_studies.local_maps.embedders import FULL, arranged, nearest_edges, springs
-from omnilab_studies.local_maps.results import Case, Times, trial_of
+from omnilab_studies.local_maps.display import FULL, nearest_edges, springs
+from omnilab_studies.local_maps.embedders import embed_from_seeds
+from omnilab_studies.local_maps.results import LocalMapCase, LocalMapTimes, score_local_maps
 
 SQUARE = np.array([[0, 0], [1, 0], [0, 1], [1, 1], [0.5, 0.4]])
 ROUNDING_M = 2 / 60  # positions are painted in whole grey levels, 60 a metre
@@ -46,15 +47,15 @@ def run(parts, record=None, **settings):
     return LocalMap(**settings).run(parts, record or Recorder(), np.random.default_rng(1))
 
 
-def turned(points, angle, mirror, scale, shift):
+def transformed(points, angle, mirror, scale, shift):
     R = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) @ np.diag([mirror, 1])
     return scale * points @ R.T + shift
 
 
-def trial(planes, points):
+def scored(planes, points):
     made = [Embedding(plane[None], np.zeros(1), np.ones(1, int)) for plane in planes]
-    case = Case(0.2, len(points) - 1, "any", "any")
-    return trial_of(case, made, points[None, :-1], points[None, -1], 9, Times(0, 0, 0))
+    case = LocalMapCase(0.2, len(points) - 1, "any", "any")
+    return score_local_maps(case, made, points[None, :-1], points[None, -1], 9, LocalMapTimes(0, 0, 0))
 
 
 # ------------------------------------------------------------------------------------------------------------ scores
@@ -64,7 +65,9 @@ def trial(planes, points):
 def test_the_error_is_that_of_the_query_after_the_places_fit(angle, mirror, scale, shift, x, y):
     moved = SQUARE.copy()
     moved[-1] += x, y
-    found = trial([turned(SQUARE, angle, mirror, scale, shift), turned(moved, angle, mirror, scale, shift)], SQUARE)
+    found = scored(
+        [transformed(SQUARE, angle, mirror, scale, shift), transformed(moved, angle, mirror, scale, shift)], SQUARE
+    )
     assert found.error_m[0] == pytest.approx([0, np.hypot(x, y)], abs=1e-9)
     assert found.all_points_m[0, 1] <= found.error_m[0, 1] + 1e-9  # the query pulls the fit to itself
     assert found.centroid_m[0] == pytest.approx(0.1)
@@ -73,8 +76,8 @@ def test_the_error_is_that_of_the_query_after_the_places_fit(angle, mirror, scal
 
 def test_places_on_a_line_are_counted():
     points = np.array([[0, 0], [1, 0], [2, 0], [1, 1.0]])
-    assert trial([points], points).on_a_line.all()
-    assert not trial([SQUARE], SQUARE).on_a_line.any()
+    assert scored([points], points).on_a_line.all()
+    assert not scored([SQUARE], SQUARE).on_a_line.any()
 
 
 # ------------------------------------------------------------------------------------------------------------- a run
@@ -120,7 +123,7 @@ def test_every_start_is_scored_apart(parts, plain):
     assert np.ptp(errors["shaken"], axis=1).min() > 0
     assert not np.ptp(errors["scaling"], axis=1).any()
     assert shaken.asked.count(12) == 4 + 1  # and once to be timed
-    assert scaling.asked.count(12) == 2 + 1  # its second map told that it draws nothing
+    assert scaling.asked.count(12) == 2 + 1  # its second map shows that it draws nothing
 
 
 def test_the_study_is_sound(parts, plain):
@@ -137,15 +140,14 @@ def test_the_map_settles_in_the_log(parts):
     assert np.allclose(maps[-1][0].position_m, truths[-1].position_m, atol=ROUNDING_M)
 
 
-def test_what_does_not_go_together_is_left_out_and_said(parts, plain):
-    record = Log()
+def test_methods_that_cannot_compare_the_images_are_omitted(parts, plain):
     descriptors = {"painted": plain["Painted"](), "shifting": plain["Shifting"]()}
     distances = {"apart": plain["Apart"](), "picky": plain["Picky"]()}
-    report = run(replace(parts, descriptors=descriptors, distances=distances), record)
+    report = run(replace(parts, descriptors=descriptors, distances=distances))
     assert report.tables["local_maps"]["method"] == ["painted + apart"]
-    said = " ".join(r.text for path, r, _ in record.logged if path == "log")
-    assert "painted + picky: signatures of shape (4,)" in said
-    assert "shifting + apart: the camera turns between images" in said
+    omitted = " ".join(report.omitted)
+    assert "painted + picky: signatures of shape (4,)" in omitted
+    assert "shifting + apart: the camera turns between images" in omitted
     with pytest.raises(DataError, match="none of the distances"):
         run(replace(parts, descriptors={"painted": plain["Painted"]()}, distances={"picky": plain["Picky"]()}))
 
@@ -162,7 +164,7 @@ def twice(plan):
     return plan.at(np.repeat(np.arange(len(plan)), 2))
 
 
-def test_a_line_of_places_is_told(parts, plain):
+def test_places_on_one_line_are_in_the_table(parts, plain):
     rows = [[x, y] for x in range(5) for y in (1, 2, 3)]
     table = run(replace(parts, sensor=plain["Floor"](blocked=rows)), steps_m=[1.0], neighbours=[4]).tables["local_maps"]
     assert table["on_a_line"] == [12]
@@ -187,7 +189,7 @@ def test_settings_that_make_no_map_are_refused(settings, words):
 def test_a_map_with_too_few_places_is_named(parts):
     with pytest.raises(DataError, match=r"step of 1 m has 20 places, fewer than the 25"):
         run(parts, steps_m=[0.5, 1], neighbours=[9, 25])
-    assert parts.localizers["scaling"].asked == []  # said before the work
+    assert parts.localizers["scaling"].asked == []  # before the work
 
 
 def test_a_localizer_without_maps_is_named(parts):
@@ -199,7 +201,7 @@ def test_a_localizer_without_maps_is_named(parts):
         run(replace(parts, localizers={"plain": Answers()}))
 
 
-def test_distances_that_are_no_numbers_are_told(parts, plain):
+def test_distances_that_are_no_numbers_are_an_error(parts, plain):
     class Broken(plain["Painted"]):
         def describe(self, images):
             return Signatures(super().describe(images).place * np.float32(np.nan))
@@ -232,9 +234,9 @@ def test_every_point_has_springs_to_its_nearest(n, count, seed):
         assert all(frozenset((i, j)) in pairs for j in others)
 
 
-def test_a_maker_that_draws_is_asked_for_every_start(plain):
+def test_an_embedder_that_draws_embeds_from_every_seed(plain):
     length = np.linalg.norm(SQUARE[:, None] - SQUARE, axis=2)[None]
     shaken = plain["Shaken"]()
-    made = arranged(shaken, length, range(3))
+    made = embed_from_seeds(shaken, length, range(3))
     assert shaken.asked == [1, 1, 1]
     assert len({m.position.tobytes() for m in made}) == 3

@@ -20,7 +20,7 @@ from omnilab_studies.pose_graph.simulated_graphs import Walk, with_wrong_loops
 
 @dataclass
 class Lazy:
-    """Leaves everything where it is, and says so."""
+    """Leaves everything where it is, and warns of it."""
 
     def optimize(self, graph, covariances=False):
         value = chi2(graph)
@@ -41,7 +41,7 @@ class Knowing:
 
 @dataclass
 class Chaining(Lazy):
-    """Takes poses as they come, and believes each guess."""
+    """An incremental back end that believes each guess."""
 
     def begin(self, first_pose):
         return Chain([first_pose])
@@ -89,7 +89,7 @@ def test_keeps_the_contract():
     check_study(PoseGraphStudy(walk=WALK, wrong_loops=0.2), Parts(backend=Lazy(), backends={"chaining": Chaining()}))
 
 
-def test_errors_are_those_of_the_answer():
+def test_errors_are_those_of_the_optimum():
     found = metrics_of(ran(Knowing(WALK)))
     assert found["ate"] == pytest.approx(0, abs=1e-9)
     assert found["drift"] == pytest.approx(0, abs=1e-9)
@@ -183,12 +183,12 @@ def test_a_file_is_optimised_and_comes_back_as_files(tmp_path):
         ran(Lazy(), path=str(tmp_path / "walk.g2o"), truth=str(tmp_path / "truth.g2o"))
 
 
-def test_what_a_back_end_says_is_in_the_log():
+def test_warnings_of_a_back_end_are_in_the_log():
     log = Log()
     found = metrics_of(ran(Chaining(), log))
-    said = [(record.text, record.level) for path, record, _ in log.records if path == "log"]
-    assert ("chaining: too lazy", "WARN") in said
-    assert ("chaining: not sure", "WARN") in said
+    logged = [(record.text, record.level) for path, record, _ in log.records if path == "log"]
+    assert ("chaining: too lazy", "WARN") in logged
+    assert ("chaining: not sure", "WARN") in logged
     assert found["problems"] == 1
 
 

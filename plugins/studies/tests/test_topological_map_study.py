@@ -17,7 +17,12 @@ from omnilab.runner.recorder import Recorder
 from omnilab.testing import check_study
 from omnilab_studies import TopologicalMap
 from omnilab_studies.common.free_area import window
-from omnilab_studies.local_maps.topological_map.results import WholeCase, WholeMap, geodesic, grid_edges
+from omnilab_studies.local_maps.topological_map.results import (
+    TopologicalMapCase,
+    TopologicalMapResult,
+    geodesic,
+    grid_edges,
+)
 
 
 @dataclass
@@ -54,15 +59,17 @@ def grid(columns, rows, step=1.0):
 
 def a_map(found, truth, step=1.0):
     made = Embedding(np.asarray(found, float)[None], np.zeros(1), np.ones(1, int))
-    return WholeMap(WholeCase(step, "any", 0, "any"), truth, np.zeros((len(truth), len(truth))), made, 0.0)
+    return TopologicalMapResult(
+        TopologicalMapCase(step, "any", 0, "any"), truth, np.zeros((len(truth), len(truth))), made, 0.0
+    )
 
 
 # ------------------------------------------------------------------------------------------------------------ scores
-def test_a_turned_mirrored_and_scaled_grid_has_no_residual():
+def test_a_rotated_mirrored_and_scaled_grid_has_no_residual():
     truth = grid(4, 3)
     one = a_map(3 * truth[:, [1, 0]] * (1, -1) + 7, truth)
     assert one.rms_m == pytest.approx(0, abs=1e-9)
-    assert one.kept == 1
+    assert one.neighbours_kept == 1
 
 
 def test_two_nodes_that_change_places_are_seen():
@@ -70,7 +77,7 @@ def test_two_nodes_that_change_places_are_seen():
     found = truth[:, :2].copy()
     found[[0, 15]] = found[[15, 0]]
     one = a_map(found, truth)
-    assert one.kept < 1
+    assert one.neighbours_kept < 1
     assert one.rms_steps > 1
 
 
@@ -150,18 +157,18 @@ def test_headings_are_those_asked_for(parts):
     run(parts)
     assert not any(isinstance(layout, PathPoses) for layout in parts.sensor.asked)
     run(parts, random_headings=True)
-    (turned,) = [layout for layout in parts.sensor.asked if isinstance(layout, PathPoses)]
-    assert np.ptp(heading_of(turned.T_world_camera)) > 1
+    (layout,) = [layout for layout in parts.sensor.asked if isinstance(layout, PathPoses)]
+    assert np.ptp(heading_of(layout.T_world_camera)) > 1
 
 
-def test_turned_cameras_need_a_distance_that_looks_for_turns(parts, plain):
+def test_rotated_cameras_need_a_distance_that_is_rotation_invariant(parts, plain):
     shifting = replace(parts, descriptors={"painted": plain["Shifting"]()})
     assert run(shifting).tables["topological_maps"]["method"] == ["painted"] * 2
     with pytest.raises(DataError, match="the camera turns between images"):
         run(shifting, random_headings=True)
 
 
-def test_links_that_leave_parts_are_said(parts, plain):
+def test_links_that_leave_parts_are_an_error(parts, plain):
     wall = [[x, y] for x in (1.5, 2.0, 2.5) for y in 0.5 * np.arange(7)]
     with pytest.raises(DataError, match=r"not one map .* links 2: so few links leave the images in parts"):
         run(replace(parts, sensor=plain["Floor"](blocked=wall)), nodes=[9, 7], links=[2])

@@ -1,4 +1,4 @@
-"""Figures of the heights that altimeters tell."""
+"""Figures of the heights that altimeters estimate."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from omnilab.api import Bytes
-from omnilab_studies.altitude.results import LEAST_M, Altimetry, Told, by_height
-from omnilab_studies.common.plots import CURVES, blank_figure, plain_axes, style_of
+from omnilab_studies.altitude.results import LEAST_M, AltitudeResults, HeightEstimates, by_height
+from omnilab_studies.common.plots import CURVES, style_of
+from omnilab_studies.common.plots import plain_axes
+from omnilab_studies.common.plots import blank_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -17,29 +19,29 @@ if TYPE_CHECKING:
 RISING, FALLING = "#d1403f", "#2563a8"
 
 
-def all_of(found: Altimetry, times: Sequence[Mapping[str, Any]]) -> dict[str, Figure]:
-    """Every figure that the answers allow."""
+def altitude_figures(results: AltitudeResults, times: Sequence[Mapping[str, Any]]) -> dict[str, Figure]:
+    """Every figure that the estimates allow: `cases_NAME` only of altimeters with two curves."""
     drawn = {
-        "estimates": estimates(found),
-        "spread": spread(found),
-        "signs": signs(found),
+        "estimates": estimates(results),
+        "spread": spread(results),
+        "signs": signs(results),
         "cost": cost(times),
     }
-    two = [name for name in found.altimeters if len(_shown(found, name).heights.curves) == 2]
-    return drawn | {f"cases_{name}": cases(_shown(found, name), found.references[-1]) for name in two}
+    two = [name for name in results.altimeters if len(_shown(results, name).heights.curves) == 2]
+    return drawn | {f"cases_{name}": cases(_shown(results, name), results.references[-1]) for name in two}
 
 
-def estimates(found: Altimetry) -> Figure:
+def estimates(results: AltitudeResults) -> Figure:
     """Clear estimates against true heights: a line a column, and the median (thesis, figure 5.14)."""
-    clear = found.levels[0].title
-    names = found.altimeters
-    figure = blank_figure(3.6 * len(names), 3.0 * len(found.references))
-    grid = figure.subplots(len(found.references), len(names), squeeze=False, sharex=True)
-    for row, reference in zip(grid, found.references, strict=True):
+    clear = results.levels[0].title
+    names = results.altimeters
+    figure = blank_figure(3.6 * len(names), 3.0 * len(results.references))
+    grid = figure.subplots(len(results.references), len(names), squeeze=False, sharex=True)
+    for row, reference in zip(grid, results.references, strict=True):
         for axes, name in zip(row, names, strict=True):
-            parts = found.of(name, clear, reference)
-            for told in parts:
-                axes.plot(told.height_m, told.value, color="#8b93a1", linewidth=0.7, alpha=0.6)
+            parts = results.of(name, clear, reference)
+            for one in parts:
+                axes.plot(one.height_m, one.value, color="#8b93a1", linewidth=0.7, alpha=0.6)
             heights, middle = _median(parts)
             axes.plot(heights, middle, color="black", linewidth=1.0)
             axes.scatter(heights, middle, s=14, c=np.where(middle > 0, RISING, FALLING), zorder=3)
@@ -54,22 +56,22 @@ def estimates(found: Altimetry) -> Figure:
     return figure
 
 
-def cases(told: Told, reference: str) -> Figure:
+def cases(estimates: HeightEstimates, reference: str) -> Figure:
     """Of one column: the least distances of both cases, their difference, and where they lie (thesis, figure 5.12)."""
     figure = blank_figure(10.5, 3.1)
     left, middle, right = figure.subplots(1, 3)
     least = {}
-    for (name, curves), color in zip(told.heights.curves.items(), (FALLING, RISING), strict=True):
+    for (name, curves), color in zip(estimates.heights.curves.items(), (FALLING, RISING), strict=True):
         label = name.replace("_", " ")
         least[name] = curves.min(axis=1)
-        left.plot(told.height_m, least[name], "o-", color=color, markersize=3.5, label=label)
-        right.plot(told.height_m, curves.argmin(axis=1), "o-", color=color, markersize=3.5, label=label)
+        left.plot(estimates.height_m, least[name], "o-", color=color, markersize=3.5, label=label)
+        right.plot(estimates.height_m, curves.argmin(axis=1), "o-", color=color, markersize=3.5, label=label)
     first, second = least.values()
-    middle.plot(told.height_m, first - second, "o-", color="black", markersize=3.5)
+    middle.plot(estimates.height_m, first - second, "o-", color="black", markersize=3.5)
     middle.axhline(0, color="black", linewidth=0.6)
     left.set(title="(a) least distance of each case", ylabel="distance")
-    middle.set(title="(b) difference: the sign tells the case")
-    right.set(title="(c) where it lies", ylabel=told.heights.unit)
+    middle.set(title="(b) difference: its sign gives the case")
+    right.set(title="(c) where it lies", ylabel=estimates.heights.unit)
     left.legend(fontsize=7, frameon=False)
     for axes in (left, middle, right):
         axes.set_xlabel(f"height of the test [m], reference {reference}")
@@ -78,20 +80,20 @@ def cases(told: Told, reference: str) -> Figure:
     return figure
 
 
-def spread(found: Altimetry) -> Figure:
+def spread(results: AltitudeResults) -> Figure:
     """Mean and deviation over the columns of estimates over their largest, level by level (thesis, figures 5.17-5.20)."""
-    disturbances = list(dict.fromkeys(level.disturbance for level in found.levels[1:])) or ["clear"]
-    names = found.altimeters
+    disturbances = list(dict.fromkeys(level.disturbance for level in results.levels[1:])) or ["clear"]
+    names = results.altimeters
     figure = blank_figure(4.2 * len(names), 2.9 * len(disturbances))
     grid = figure.subplots(len(disturbances), len(names), squeeze=False, sharex=True, sharey=True)
     for row, disturbance in zip(grid, disturbances, strict=True):
-        levels = [found.levels[0], *(x for x in found.levels[1:] if x.disturbance == disturbance)]
+        levels = [results.levels[0], *(x for x in results.levels[1:] if x.disturbance == disturbance)]
         for axes, name in zip(row, names, strict=True):
             for k, level in enumerate(levels):
-                for reference, style in zip(found.references, ("--", "-", "-.", ":"), strict=False):
-                    heights, mean, deviation = by_height(found.of(name, level.title, reference))
+                for reference, style in zip(results.references, ("--", "-", "-.", ":"), strict=False):
+                    heights, mean, deviation = by_height(results.of(name, level.title, reference))
                     at = heights + 0.012 * (k - (len(levels) - 1) / 2)  # so that bars do not hide one another
-                    label = level.title.replace("_", " ") if reference == found.references[-1] else None
+                    label = level.title.replace("_", " ") if reference == results.references[-1] else None
                     axes.errorbar(at, mean, deviation, color=CURVES[k], ls=style, lw=1.1, elinewidth=0.8, label=label)
             axes.axhline(0, color="black", linewidth=0.6)
             axes.set_title(name.replace("_", " "), fontsize=10)
@@ -100,28 +102,32 @@ def spread(found: Altimetry) -> Figure:
         row[0].legend(fontsize=7, frameon=False, loc="upper left")
     for axes in grid[-1]:
         axes.set_xlabel("height of the test [m]")
-    references = " (full), ".join(reversed(found.references)) + (" (dashed)" if len(found.references) > 1 else "")
+    references = " (full), ".join(reversed(results.references)) + (" (dashed)" if len(results.references) > 1 else "")
     figure.suptitle(f"Mean and standard deviation over the columns; references {references}", fontsize=10)
     return figure
 
 
-def signs(found: Altimetry) -> Figure:
+def signs(results: AltitudeResults) -> Figure:
     """The rate of right signs against the size of the rise."""
-    table = found.signs()
+    table = results.sign_table()
     rows = list(zip(*table.values(), strict=True))
-    columns = min(3, len(found.levels))
-    lines = -(-len(found.levels) // columns)
+    columns = min(3, len(results.levels))
+    lines = -(-len(results.levels) // columns)
     figure = blank_figure(3.7 * columns, 2.8 * lines)
     grid = figure.subplots(lines, columns, squeeze=False, sharex=True, sharey=True).ravel()
-    style = style_of(found.altimeters)
-    for axes, level in zip(grid, found.levels, strict=False):
-        for name in found.altimeters:
-            points = [(rise, 100 * rate) for who, title, rise, _, rate in rows if (who, title) == (name, level.title)]
+    style = style_of(results.altimeters)
+    for axes, level in zip(grid, results.levels, strict=False):
+        for name in results.altimeters:
+            points = [
+                (rise, 100 * rate)
+                for altimeter, title, rise, _, rate in rows
+                if (altimeter, title) == (name, level.title)
+            ]
             axes.plot(*zip(*points, strict=True), label=name.replace("_", " "), markersize=4, lw=1.3, **style[name])
         axes.axvline(LEAST_M, color="black", linewidth=0.6, ls=":")
         axes.set(ylim=(-3, 103), title=level.title.replace("_", " "))
         plain_axes(axes)
-    for axes in grid[len(found.levels) :]:
+    for axes in grid[len(results.levels) :]:
         axes.set_axis_off()
     figure.legend(*grid[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=9, frameon=False)
     figure.supxlabel("|rise| [m]", fontsize=10)
@@ -149,20 +155,20 @@ def cost(times: Sequence[Mapping[str, Any]]) -> Figure:
     return figure
 
 
-def curve_picture(told: Told, i: int) -> Bytes:
+def curve_picture(estimates: HeightEstimates, i: int) -> Bytes:
     """One comparison's distances with their minima, (H, W, 3)."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(4.4, 2.5), dpi=110)
     axes = figure.add_axes((0.13, 0.12, 0.84, 0.76))
-    for (name, curves), color in zip(told.heights.curves.items(), (FALLING, RISING, *CURVES), strict=False):
+    for (name, curves), color in zip(estimates.heights.curves.items(), (FALLING, RISING, *CURVES), strict=False):
         least = int(curves[i].argmin())
         axes.plot(curves[i], color=color, linewidth=1.4, label=name.replace("_", " "))
         axes.plot(least, curves[i, least], "o", color=color)
-    low, high = (f(c.min() if f is min else c.max() for c in told.heights.curves.values()) for f in (min, max))
+    low, high = (f(c.min() if f is min else c.max() for c in estimates.heights.curves.values()) for f in (min, max))
     axes.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low) + 1e-9)
-    axes.set_title(f"rise {told.rise_m[i]:+.2f} m: {told.value[i]:+.2f} {told.heights.unit}", fontsize=9)
+    axes.set_title(f"rise {estimates.rise_m[i]:+.2f} m: {estimates.value[i]:+.2f} {estimates.heights.unit}", fontsize=9)
     axes.legend(fontsize=7, frameon=False)
     plain_axes(axes)
     canvas: Any = FigureCanvasAgg(figure)
@@ -170,13 +176,13 @@ def curve_picture(told: Told, i: int) -> Bytes:
     return np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
 
 
-def _shown(found: Altimetry, name: str) -> Told:
-    return found.of(name, found.levels[0].title, found.references[-1])[0]
+def _shown(results: AltitudeResults, name: str) -> HeightEstimates:
+    return results.of(name, results.levels[0].title, results.references[-1])[0]
 
 
-def _median(parts: Sequence[Told]) -> tuple[Any, Any]:
+def _median(parts: Sequence[HeightEstimates]) -> tuple[Any, Any]:
     """Heights, and the median over the columns of the values there."""
-    heights, values = (np.concatenate([getattr(t, name) for t in parts]) for name in ("height_m", "value"))
+    heights, values = (np.concatenate([getattr(part, name) for part in parts]) for name in ("height_m", "value"))
     known = np.isfinite(values)
     at = np.unique(heights[known].round(2))
     return at, np.array([np.median(values[known & (heights.round(2) == height)]) for height in at])

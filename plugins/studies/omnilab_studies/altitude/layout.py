@@ -1,4 +1,4 @@
-"""How the study `altitude` looks in a viewer."""
+"""Viewer layout of the study `altitude`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from omnilab.api import Panel, ViewLayout
 
 
 def layout_of(altimeters: Sequence[str], described: bool) -> ViewLayout:
-    """A column of images as it rises, what altimeters compare, and the heights they tell."""
+    """A column of images as it rises, the distances that altimeters compare, and the heights they estimate."""
     pictures = [Panel("image", "The image, a height a step", ("query/image",))]
     if described:
         pictures.append(Panel("image", "Its transform: the offsets run down", ("query/signature",)))

@@ -1,4 +1,4 @@
-"""What altimeters told, beside the truth."""
+"""Results of the study `altitude`: height estimates beside the truth, scores, tables, metrics."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ROUNDING_M = 1e-6
 FEWEST = 3  # points that a line is fitted to
 
 
-class Case(NamedTuple):
+class AltitudeCase(NamedTuple):
     """An altimeter at one level of disturbance against one reference."""
 
     altimeter: str
@@ -25,8 +25,8 @@ class Case(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Told:
-    """One column's answers: n tests against one reference."""
+class HeightEstimates:
+    """An altimeter's estimates of one column: n tests against one reference."""
 
     column: int
     height_m: Floats  # (n,) of the tests
@@ -36,11 +36,12 @@ class Told:
 
     @property
     def value(self) -> Floats:
+        """The estimates (n,) in the altimeter's unit, NaN where there is none."""
         return self.heights.value
 
     @property
     def relative(self) -> Floats:
-        """The values divided by the largest of the column (thesis, figures 5.17-5.20)."""
+        """The estimates (n,) divided by the largest of the column (thesis, figures 5.17-5.20)."""
         largest = float(np.nanmax(np.abs(self.value), initial=0.0))
         return self.value / largest if largest > 0 else np.zeros_like(self.value)
 
@@ -55,32 +56,34 @@ class Told:
 
 
 @dataclass
-class Altimetry:
-    """All answers, case by case."""
+class AltitudeResults:
+    """All estimates, case by case."""
 
     levels: Sequence[Level]
     references: Sequence[str]
     range_m: float  # around the reference: where lines are fitted
-    told: dict[Case, list[Told]] = field(default_factory=dict)
+    by_case: dict[AltitudeCase, list[HeightEstimates]] = field(default_factory=dict)
 
     @property
     def altimeters(self) -> list[str]:
-        return list(dict.fromkeys(case.altimeter for case in self.told))
+        """The names of the altimeters."""
+        return list(dict.fromkeys(case.altimeter for case in self.by_case))
 
-    def take(self, case: Case, told: Told) -> None:
-        self.told.setdefault(case, []).append(told)
+    def add(self, case: AltitudeCase, estimates: HeightEstimates) -> None:
+        """Add the estimates of one column."""
+        self.by_case.setdefault(case, []).append(estimates)
 
-    def of(self, altimeter: str, level: str | None = None, reference: str | None = None) -> list[Told]:
-        """The answers of one altimeter, at one level and against one reference, or at and against all."""
+    def of(self, altimeter: str, level: str | None = None, reference: str | None = None) -> list[HeightEstimates]:
+        """The estimates of one altimeter, at one level and against one reference, or at and against all."""
         return [
-            told
-            for case, parts in self.told.items()
+            estimates
+            for case, parts in self.by_case.items()
             if case.altimeter == altimeter and level in (None, case.level) and reference in (None, case.reference)
-            for told in parts
+            for estimates in parts
         ]
 
     def scale(self, altimeter: str, reference: str) -> float:
-        """Metres per unit, for all columns: least squares through 0 over the clear answers. NaN if all are 0."""
+        """Metres per unit, for all columns: least squares through 0 over the clear estimates. NaN if all are 0."""
         parts = self.of(altimeter, self.levels[0].title, reference)
         value, rise = _joined(parts, "value"), _joined(parts, "rise_m")
         known = np.isfinite(value)
@@ -88,11 +91,11 @@ class Altimetry:
         return float((value[known] * rise[known]).sum()) / power if power > 0 else float("nan")
 
     def scores(self) -> list[dict[str, Any]]:
-        """One row a case."""
-        return [self._score(case, parts) for case, parts in self.told.items()]
+        """The table `altitude`: one row a case."""
+        return [self._score(case, parts) for case, parts in self.by_case.items()]
 
-    def _score(self, case: Case, parts: Sequence[Told]) -> dict[str, Any]:
-        lines = [line for told in parts if (line := told.line(self.range_m)) is not None]
+    def _score(self, case: AltitudeCase, parts: Sequence[HeightEstimates]) -> dict[str, Any]:
+        lines = [line for estimates in parts if (line := estimates.line(self.range_m)) is not None]
         slopes, r2 = np.array(lines or [(np.nan, np.nan)]).T
         value, rise = _joined(parts, "value"), _joined(parts, "rise_m")
         known = np.isfinite(value)
@@ -115,8 +118,8 @@ class Altimetry:
             "rotation_error_median_deg": float(np.rad2deg(np.median(_joined(parts, "rotation_error_rad")))),
         }
 
-    def signs(self) -> dict[str, list[Any]]:
-        """Rates of right signs by the size of the rise: one row for each altimeter, level and size."""
+    def sign_table(self) -> dict[str, list[Any]]:
+        """The table `signs`, rates of right signs by the size of the rise: one row for each altimeter, level and size."""
         rows = []
         for altimeter in self.altimeters:
             for level in self.levels:
@@ -130,27 +133,27 @@ class Altimetry:
         names = ("altimeter", "level", "rise_m", "pairs", "sign_rate")
         return dict(zip(names, map(list, zip(*rows, strict=True)), strict=True))
 
-    def estimates(self) -> dict[str, list[Any]]:
-        """One row an answer."""
-        rows = list(self._rows())
+    def estimate_table(self) -> dict[str, list[Any]]:
+        """The table `estimates`: one row an estimate."""
+        rows = list(self._estimate_rows())
         return {name: [row[name] for row in rows] for name in rows[0]}
 
-    def _rows(self) -> Iterator[dict[str, Any]]:
-        for case, parts in self.told.items():
-            for told in parts:
-                for i, height in enumerate(told.height_m):
+    def _estimate_rows(self) -> Iterator[dict[str, Any]]:
+        for case, parts in self.by_case.items():
+            for estimates in parts:
+                for i, height in enumerate(estimates.height_m):
                     yield {
                         **case._asdict(),
-                        "column": told.column,
+                        "column": estimates.column,
                         "height_m": round(float(height), 6),
-                        "rise_m": round(float(told.rise_m[i]), 6),
-                        "value": float(told.value[i]),
-                        "confidence": float(told.heights.confidence[i]),
-                        "rotation_error_deg": float(np.rad2deg(told.rotation_error_rad[i])),
+                        "rise_m": round(float(estimates.rise_m[i]), 6),
+                        "value": float(estimates.value[i]),
+                        "confidence": float(estimates.heights.confidence[i]),
+                        "rotation_error_deg": float(np.rad2deg(estimates.rotation_error_rad[i])),
                     }
 
     def metrics(self) -> list[Metric]:
-        """The rates of right signs, clear, come first."""
+        """Rates of right signs of clear images first, then each case's scores."""
         clear = self.levels[0].title
         first, rest = [], []
         for name in self.altimeters:
@@ -169,14 +172,14 @@ class Altimetry:
 
 
 def sign_rate(value: Floats, rise_m: Floats, least_m: float = LEAST_M) -> float:
-    """The share of the rises of at least `least_m` whose values have their sign. None and 0 are wrong."""
+    """The share of the rises of at least `least_m` whose values have their sign. No estimate and 0 are wrong."""
     far = np.abs(rise_m) >= least_m - ROUNDING_M
     return float(np.mean(np.sign(value[far]) == np.sign(rise_m[far]))) if far.any() else float("nan")
 
 
-def by_height(parts: Sequence[Told]) -> tuple[Floats, Floats, Floats]:
-    """Heights (n,), and mean and standard deviation over the columns of what they told there, relative to their largest."""
-    heights, relative = (np.concatenate([getattr(t, name) for t in parts]) for name in ("height_m", "relative"))
+def by_height(parts: Sequence[HeightEstimates]) -> tuple[Floats, Floats, Floats]:
+    """Heights (n,), and mean and standard deviation over the columns of the estimates there, relative to their column's largest."""
+    heights, relative = (np.concatenate([getattr(part, name) for part in parts]) for name in ("height_m", "relative"))
     known = np.isfinite(relative)
     heights, relative = heights[known].round(2), relative[known]
     at = np.unique(heights)
@@ -184,14 +187,14 @@ def by_height(parts: Sequence[Told]) -> tuple[Floats, Floats, Floats]:
     return at, np.array([group.mean() for group in groups]), np.array([group.std() for group in groups])
 
 
-def spread_of(parts: Sequence[Told]) -> float:
-    """The mean over the heights of the standard deviation over the columns; NaN if nothing was told."""
+def spread_of(parts: Sequence[HeightEstimates]) -> float:
+    """The mean over the heights of the standard deviation over the columns; NaN without estimates."""
     deviation = by_height(parts)[2]
     return float(deviation.mean()) if len(deviation) else float("nan")
 
 
-def _joined(parts: Sequence[Told], name: str) -> Floats:
-    return np.concatenate([getattr(told, name) for told in parts]) if parts else np.empty(0)
+def _joined(parts: Sequence[HeightEstimates], name: str) -> Floats:
+    return np.concatenate([getattr(part, name) for part in parts]) if parts else np.empty(0)
 
 
 def _rms(error: Floats) -> float:

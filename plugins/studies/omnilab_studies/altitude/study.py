@@ -12,6 +12,7 @@ import numpy as np
 from omnilab.api import (
     Altimeter,
     Frames,
+    Heights,
     Image,
     Parts,
     PlaceMap,
@@ -22,7 +23,6 @@ from omnilab.api import (
     Report,
     Series,
     Signature,
-    Text,
     Tick,
 )
 from omnilab.errors import ConfigError, DataError
@@ -30,25 +30,31 @@ from omnilab.geometry import heading_of, wrap_angle
 from omnilab.image import to_gray, view_of
 from omnilab_studies.altitude import figures
 from omnilab_studies.altitude.layout import layout_of
-from omnilab_studies.altitude.results import Altimetry, Case, Told, markdown_of
-from omnilab_studies.common.disturbance_levels import check_levels, levels_of
-from omnilab_studies.common.frames import disturbed
-from omnilab_studies.common.image_columns import Column, Reference, columns_in, free_columns
+from omnilab_studies.altitude.results import AltitudeCase, AltitudeResults, HeightEstimates, markdown_of
 from omnilab_studies.common.tables import columns_of
-from omnilab_studies.datasets.render.study import _is_position, _is_range
+from omnilab_studies.common.frames import disturbed
+from omnilab_studies.common.disturbance_levels import check_levels, levels_of
+from omnilab_studies.common.image_columns import (
+    Column,
+    Reference,
+    check_heights,
+    check_positions,
+    columns_in,
+    free_columns,
+)
 
 FRAME_NS = 100_000_000  # between two images, in the logs
 
 
 @dataclass
 class Altitude:
-    """Study of relative altitude (Berenguer, thesis, 5.5): the heights that altimeters tell, against the true ones.
+    """Study of relative altitude (Berenguer, thesis, 5.5): the heights that altimeters estimate, against the true ones.
 
-    Columns of images over random free spots, each camera turned at random, or those of a recording. Each image is
+    Columns of images over random free positions, each camera at a random heading, or those of a recording. Each image is
     compared with each reference of its column, clear and at every level of the run's disturbances; the references stay
     clear. Per reference: the rate of right signs of rises of 0.1 m or more; slope and r2 of the line fitted to each
     column within `range_m` of the reference (r2: the median over the columns); after one scale for all columns, from
-    the clear answers, the root mean square error and the bias in metres; and the spread, the mean over the heights of
+    the clear estimates, the root mean square error and the bias in metres; and the spread, the mean over the heights of
     the standard deviation over the columns of the estimate divided by its column's largest. The first column is shown
     as it rises, against the last reference.
     """
@@ -69,12 +75,10 @@ class Altitude:
     cached: ClassVar[bool] = False  # it measures time
 
     def __post_init__(self) -> None:
-        if self.positions_m is not None and not (self.positions_m and all(map(_is_position, self.positions_m))):
-            raise ConfigError(f"study.positions_m={self.positions_m} are no positions; give [[x, y], ...] in metres")
+        check_positions(self.positions_m)
         if self.position_count < 1:
             raise ConfigError(f"study.position_count={self.position_count} are no columns; give 1 or more")
-        if not _is_range(self.heights_m):
-            raise ConfigError(f"study.heights_m={self.heights_m} is no range; give [lowest, highest, step] in metres")
+        check_heights(self.heights_m)
         if not (self.references_m if self.references_h is None else self.references_h):
             raise ConfigError("study.references_m or study.references_h names no reference; give at least one")
         if len(set(self._references)) < len(self._references):
@@ -86,46 +90,46 @@ class Altitude:
         check_levels(self.levels)
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
-        """Image the columns, spoil the tests, ask every altimeter, compare."""
+        """Image the columns, disturb the tests, estimate their heights with every altimeter, score."""
         altimeters = _altimeters(parts)
         levels = levels_of(self.levels, parts.disturbances, record)
         if scene := parts.sensor.scene():
             record.log("room", scene)
 
         plan = self._plan(parts, rng)
-        columns = self._columns(plan, record)
-        spots = np.array([[*column.position_m, column.height_m[0]] for column in columns])
-        record.log("places", PlaceMap(spots))
+        columns, omitted = self._columns(plan)
+        record.log("places", PlaceMap(np.array([[*column.position_m, column.height_m[0]] for column in columns])))
         seed = int(rng.integers(2**32))
 
-        found = Altimetry(levels, [str(reference) for reference in self._references], self.range_m)
+        results = AltitudeResults(levels, [str(reference) for reference in self._references], self.range_m)
         seconds = dict.fromkeys(altimeters, 0.0)
         count = sum(len(column.index) for column in columns)
         images = _images(parts, plan, columns)
         for number, frames in record.track(images, "images", count, lambda item: len(item[1])):
-            column = columns[number]
             if number == 0:
                 curves = _warm_up(altimeters, frames)
                 record.log("", layout_of(curves, parts.descriptor is not None))
                 _show_images(record, parts, frames)
-            rows = {str(reference): reference.row(column) for reference in self._references}
-            for level in levels:
-                tests = disturbed(frames, level.applied, seed)
-                for name, altimeter in altimeters.items():
-                    for reference, row in rows.items():
-                        start = time.perf_counter()
-                        heights = altimeter.relative(frames.images[row : row + 1], tests.images, frames.camera)
-                        seconds[name] += time.perf_counter() - start
-                        told = _told(number, column, row, frames, heights)
-                        found.take(Case(name, level.title, reference), told)
+            self._estimate(altimeters, number, columns[number], frames, seed, results, seconds)
 
-        # what it amounts to
-        _show_estimates(record, found)
-        scores = found.scores()
-        record.log("summary", Text(markdown_of(scores), markdown=True))
-        times = _times(found, seconds)
-        tables = {"altitude": columns_of(scores), "signs": found.signs(), "times": columns_of(times)}
-        return Report(found.metrics(), {**tables, "estimates": found.estimates()}, figures.all_of(found, times))
+        _show_estimates(record, results)
+        return _report(results, _times(results, seconds), omitted)
+
+    def _estimate(
+        self, altimeters: Mapping[str, Altimeter], number: int, column: Column, frames: Frames, seed: int,
+        results: AltitudeResults, seconds: dict[str, float],
+    ) -> None:  # fmt: skip
+        """Add the estimates of one column, at every level, by every altimeter, against every reference; and their time."""
+        rows = {str(reference): reference.row(column) for reference in self._references}
+        for level in results.levels:
+            tests = disturbed(frames, level.applied, seed)
+            for name, altimeter in altimeters.items():
+                for reference, row in rows.items():
+                    start = time.perf_counter()
+                    heights = altimeter.relative(frames.images[row : row + 1], tests.images, frames.camera)
+                    seconds[name] += time.perf_counter() - start
+                    estimates = _beside_truth(number, column, row, frames, heights)
+                    results.add(AltitudeCase(name, level.title, reference), estimates)
 
     @property
     def _references(self) -> list[Reference]:
@@ -138,8 +142,8 @@ class Altitude:
             return parts.sensor.plan(RecordedPoses())
         return free_columns(parts.sensor, self.position_count, self.positions_m, self.heights_m, self.turned, rng)
 
-    def _columns(self, plan: Plan, record: Recorder) -> list[Column]:
-        """Those that have every reference; DataError if none has."""
+    def _columns(self, plan: Plan) -> tuple[list[Column], list[str]]:
+        """The columns that have every reference, and what is omitted; DataError if none has."""
         found = columns_in(plan)
         whole = [c for c in found if all(reference.is_in(c) for reference in self._references)]
         wanted = " and ".join(map(str, self._references))
@@ -148,9 +152,8 @@ class Altitude:
                 f"the references {wanted} are not all in {found[0]}, nor in another;"
                 " give study.references_m or study.references_h of images that there are"
             )
-        if len(whole) < len(found):
-            record.log("log", Text(f"left out: {len(found) - len(whole)} columns without the references {wanted}"))
-        return whole
+        lacking = len(found) - len(whole)
+        return whole, [f"{lacking} columns without the references {wanted}"] if lacking else []
 
 
 def _altimeters(parts: Parts) -> Mapping[str, Altimeter]:
@@ -192,26 +195,27 @@ def _images(parts: Parts, plan: Plan, columns: Sequence[Column]) -> Iterator[tup
         )
 
 
-def _told(number: int, column: Column, row: int, frames: Frames, heights: Any) -> Told:
+def _beside_truth(number: int, column: Column, row: int, frames: Frames, heights: Heights) -> HeightEstimates:
+    """An altimeter's heights of a column over its image `row`, with the true ones."""
     assert frames.T_world_camera is not None
     heading = heading_of(frames.T_world_camera)
     error = np.abs(wrap_angle(heights.rotation_rad - (heading - heading[row])))
-    return Told(number, column.height_m, column.height_m - column.height_m[row], heights, error)
+    return HeightEstimates(number, column.height_m, column.height_m - column.height_m[row], heights, error)
 
 
 def _warm_up(altimeters: Mapping[str, Altimeter], frames: Frames) -> list[str]:
-    """The first call may compile. Returns the names of those that show what they read their answers off."""
+    """Call each altimeter once, which may compile; the names of those that return curves."""
     one = frames.images[:1]
     return [name for name, altimeter in altimeters.items() if altimeter.relative(one, one, frames.camera).curves]
 
 
-def _times(found: Altimetry, seconds: Mapping[str, float]) -> list[dict[str, Any]]:
+def _times(results: AltitudeResults, seconds: Mapping[str, float]) -> list[dict[str, Any]]:
     """Milliseconds of an estimate, both images described each time, beside the clear spread against each reference."""
     rows = []
-    for score in found.scores():
-        if score["level"] == found.levels[0].title:
+    for score in results.scores():
+        if score["level"] == results.levels[0].title:
             name = score["altimeter"]
-            estimates = sum(len(told.value) for told in found.of(name))
+            estimates = sum(len(part.value) for part in results.of(name))
             milliseconds = 1e3 * seconds[name] / estimates
             rows.append({
                 "altimeter": name, "reference": score["reference"], "estimate_ms": milliseconds,
@@ -221,7 +225,7 @@ def _times(found: Altimetry, seconds: Mapping[str, float]) -> list[dict[str, Any
 
 
 def _show_images(record: Recorder, parts: Parts, frames: Frames) -> None:
-    """The first column as it rises: picture, what the run's descriptor makes of it, pose."""
+    """Log the first column as it rises: image, signature by the run's descriptor, pose."""
     described = None
     if (descriptor := parts.descriptor) is not None:
         described = descriptor.describe(view_of(frames.images, frames.camera, descriptor.view, descriptor.color)).place
@@ -234,15 +238,27 @@ def _show_images(record: Recorder, parts: Parts, frames: Frames) -> None:
             record.log("camera", Pose(frames.T_world_camera[i]), tick)
 
 
-def _show_estimates(record: Recorder, found: Altimetry) -> None:
-    """The first column's clear answers against the last reference, in metres, and what they were read off."""
-    clear, reference = found.levels[0].title, found.references[-1]
-    for name in found.altimeters:
-        told = found.of(name, clear, reference)[0]
-        steps = np.arange(len(told.value))
-        estimate = found.scale(name, reference) * told.value
-        record.log(f"rise/{name}", Series(estimate, steps, FRAME_NS * steps, "m"))
-        if told.heights.curves:
+def _show_estimates(record: Recorder, results: AltitudeResults) -> None:
+    """Log the first column's clear estimates against the last reference, in metres, and the curves they come from."""
+    clear, reference = results.levels[0].title, results.references[-1]
+    for name in results.altimeters:
+        estimates = results.of(name, clear, reference)[0]
+        steps = np.arange(len(estimates.value))
+        rise_m = results.scale(name, reference) * estimates.value
+        record.log(f"rise/{name}", Series(rise_m, steps, FRAME_NS * steps, "m"))
+        if estimates.heights.curves:
             for i in range(len(steps)):
-                record.log(f"curves/{name}", Image(figures.curve_picture(told, i), "png"), Tick(i, FRAME_NS * i))
-    record.log("rise/truth", Series(told.rise_m, steps, FRAME_NS * steps, "m"))
+                record.log(f"curves/{name}", Image(figures.curve_picture(estimates, i), "png"), Tick(i, FRAME_NS * i))
+    record.log("rise/truth", Series(estimates.rise_m, steps, FRAME_NS * steps, "m"))
+
+
+def _report(results: AltitudeResults, times: Sequence[Mapping[str, Any]], omitted: Sequence[str]) -> Report:
+    scores = results.scores()
+    tables = {"altitude": columns_of(scores), "signs": results.sign_table(), "times": columns_of(times)}
+    return Report(
+        results.metrics(),
+        {**tables, "estimates": results.estimate_table()},
+        figures.altitude_figures(results, times),
+        summary=markdown_of(scores),
+        omitted=omitted,
+    )

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from omnilab.api import Floats, Ints, PathPoses, Plan, RandomPoses, Sensor
-from omnilab.errors import DataError
+from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses
 from omnilab_studies.common.scores import known_poses
 
@@ -92,3 +94,25 @@ def column_poses(positions_m: Sequence[Sequence[float]], heights_m: Sequence[flo
     low, high, step = heights_m
     heights = low + step * np.arange(int((high - low) / step + 1e-6) + 1)
     return planar_poses(np.array([(x, y, z) for x, y in positions_m for z in heights]))
+
+
+def check_positions(positions_m: Sequence[Any] | None) -> None:
+    """ConfigError unless floor positions are one or more [x, y], or null."""
+    if positions_m is not None and not (positions_m and all(map(_is_position, positions_m))):
+        raise ConfigError(f"study.positions_m={positions_m} are no positions; give [[x, y], ...] in metres")
+
+
+def check_heights(heights_m: Sequence[float]) -> None:
+    """ConfigError unless heights are a range [lowest, highest, step]."""
+    if not _is_range(heights_m):
+        raise ConfigError(f"study.heights_m={heights_m} is no range; give [lowest, highest, step] in metres")
+
+
+def _is_position(value: Any) -> bool:
+    """Whether a value is two finite numbers: OmegaConf takes integers for no floats, so the field's type cannot check it."""
+    numbers = isinstance(value, list) and len(value) == 2 and all(type(v) in {int, float} for v in value)
+    return numbers and all(map(math.isfinite, value))
+
+
+def _is_range(values: Sequence[float]) -> bool:
+    return len(values) == 3 and all(map(math.isfinite, values)) and values[0] <= values[1] and values[2] > 0

@@ -1,1 +1,1 @@
-"""Images for other programs: data sets on disk, pictures from chosen poses."""
+"""Images for other programs: data sets on disk, views from chosen poses."""

@@ -1,4 +1,4 @@
-"""Images described by several methods, and the places most alike to each query."""
+"""Candidates of a local map: the places most alike to each query, described by several methods."""
 
 from __future__ import annotations
 
@@ -12,20 +12,22 @@ from omnilab.api import Floats, Frames, Ints, Recorder, Signatures
 from omnilab.errors import DataError
 from omnilab_studies.common.methods import Method, describe_all, joined_signatures, prepared
 from omnilab_studies.common.scores import known_poses
-from omnilab_studies.local_maps.embedders import pair_distances
+from omnilab_studies.local_maps.embedders import pairwise_distances
 
 
 @dataclass(frozen=True)
-class Described:
-    """N images as every method's descriptor sees them."""
+class DescribedImages:
+    """N images, described by the descriptor of every method."""
 
     signatures: Mapping[str, Signatures]  # by the descriptor's name
     position_m: Floats  # (N, 3)
-    omitted: Sequence[str]  # what could not be delivered, each with its reason
+    omitted: Sequence[str]  # frames that could not be delivered, each with its reason
 
 
-def described(methods: Sequence[Method], batches: Iterable[Frames], what: str, record: Recorder) -> Described:
-    """Every image described once by each method's descriptor."""
+def describe_images(
+    methods: Sequence[Method], batches: Iterable[Frames], what: str, record: Recorder
+) -> DescribedImages:
+    """Describe every image once by each descriptor of the methods; DataError if there is no image, or no pose."""
     parts: dict[str, list[Signatures]] = {method.descriptor_name: [] for method in methods}
     position_m: list[Floats] = []
     omitted: list[str] = []
@@ -37,51 +39,53 @@ def described(methods: Sequence[Method], batches: Iterable[Frames], what: str, r
     if not position_m:
         raise DataError(f"the sensor delivered no {what} for the study's layout; look at what it left out")
     joined = {name: joined_signatures(found) for name, found in parts.items()}
-    return Described(joined, np.concatenate(position_m), omitted)
+    return DescribedImages(joined, np.concatenate(position_m), omitted)
 
 
 @dataclass(frozen=True)
-class ShortLists:
-    """The places of one map, and which of them are most alike to each query, best first."""
+class Candidates:
+    """The places of one grid, and which of them are most alike to each of Q queries, best first."""
 
-    places: Described
-    queries: Described
-    near: Ints  # (Q, most neighbours)
+    places: DescribedImages
+    queries: DescribedImages
+    nearest: Ints  # (Q, K) indices of places
     search_ms: float  # a query
 
-    def pairs(self, method: Method, count: int, some: int | None = None) -> Floats:
-        """Distances (Q, count + 1, count + 1) among a query's `count` places and, last, the query; of the first `some`."""
+    def pairwise_distances(self, method: Method, count: int, first: int | None = None) -> Floats:
+        """Distances (Q, count + 1, count + 1) among `count` candidates and, last, their query; of the `first` queries."""
         places = self.places.signatures[method.descriptor_name]
         queries = self.queries.signatures[method.descriptor_name]
         return np.stack(
             [
-                pair_distances(method, joined_signatures([places[near[:count]], queries[q : q + 1]]))
-                for q, near in enumerate(self.near[:some])
+                pairwise_distances(method, joined_signatures([places[nearest[:count]], queries[q : q + 1]]))
+                for q, nearest in enumerate(self.nearest[:first])
             ]
         )
 
     def places_m(self, count: int) -> Floats:
-        """Where the `count` places of each query were taken, (Q, count, 2)."""
-        return self.places.position_m[self.near[:, :count], :2]
+        """True positions (Q, count, 2) of the `count` best candidates of each query."""
+        return self.places.position_m[self.nearest[:, :count], :2]
 
     @property
     def truth_m(self) -> Floats:
-        """Where the queries were taken, (Q, 2)."""
+        """True positions (Q, 2) of the queries."""
         return self.queries.position_m[:, :2]
 
 
-def short_lists(chooser: Method, places: Described, queries: Described, count: int, record: Recorder) -> ShortLists:
-    """The `count` places of a map that the chooser finds most alike to each query."""
-    index = prepared(chooser, places.signatures[chooser.descriptor_name], rotated=True)
+def find_candidates(
+    retrieval: Method, places: DescribedImages, queries: DescribedImages, count: int, record: Recorder
+) -> Candidates:
+    """The `count` places that are most alike to each query by the retrieval method."""
+    index = prepared(retrieval, places.signatures[retrieval.descriptor_name], turning=True)
     start = time.perf_counter()
     with record.timed("search", len(queries.position_m)):
-        match = chooser.distance.match(queries.signatures[chooser.descriptor_name], index)
-        near = match.distance.argsort(axis=1, kind="stable")[:, :count]
-    return ShortLists(places, queries, near, 1e3 * (time.perf_counter() - start) / len(near))
+        match = retrieval.distance.match(queries.signatures[retrieval.descriptor_name], index)
+        nearest = match.distance.argsort(axis=1, kind="stable")[:, :count]
+    return Candidates(places, queries, nearest, 1e3 * (time.perf_counter() - start) / len(nearest))
 
 
-def keeping(batches: Iterable[Frames], kept: list[tuple[Frames, int]], count: int) -> Iterator[Frames]:
-    """Passes batches on, and keeps the first `count` frames, each as its batch and index."""
+def keep_first(batches: Iterable[Frames], kept: list[tuple[Frames, int]], count: int) -> Iterator[Frames]:
+    """Pass batches on, and append the first `count` frames to `kept`, each as its batch and index."""
     for frames in batches:
         kept += [(frames, i) for i in range(min(len(frames), count - len(kept)))]
         yield frames

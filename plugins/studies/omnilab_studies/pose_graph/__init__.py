@@ -1,1 +1,1 @@
-"""Pose graphs, optimised by several back ends."""
+"""Pose graphs optimised by back ends."""

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from omnilab.api import Bytes, Floats, Ints, PoseGraph
 from omnilab.posegraph.graph import edge_chi2, is_loop
-from omnilab_studies.common.plots import blank_figure, style_of
+from omnilab_studies.common.plots import style_of
+from omnilab_studies.common.plots import blank_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,12 +64,12 @@ def _draw(axes: Axes, graph: PoseGraph, poses: Floats, truth: Floats | None, wro
         axes.legend(fontsize=7, frameon=False, loc="upper right")
     order = np.argsort(np.where(loops, off, -1))  # the worst on top
     is_wrong = np.isin(order, wrong)
-    widths: npt.NDArray[Any] = np.where(loops[order], np.where(is_wrong, 0.35, 0.8), 0.8)
+    widths: Floats = np.where(loops[order], np.where(is_wrong, 0.35, 0.8), 0.8)
     lines = poses[graph.edges[order], :2]
     axes.add_collection(LineCollection(list(lines), colors=list(paint[order]), linewidths=widths.tolist(), zorder=1))
-    seen = poses if truth is None else np.concatenate([poses, truth])
-    axes.set_xlim(*_limits(seen[:, 0]))
-    axes.set_ylim(*_limits(seen[:, 1]))
+    shown = poses if truth is None else np.concatenate([poses, truth])
+    axes.set_xlim(*_limits(shown[:, 0]))
+    axes.set_ylim(*_limits(shown[:, 1]))
     axes.set(aspect="equal", adjustable="datalim", xlabel="x [m]", ylabel="y [m]")
     axes.spines[["top", "right"]].set_visible(False)
 

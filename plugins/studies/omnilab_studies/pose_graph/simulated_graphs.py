@@ -1,4 +1,4 @@
-"""Simulated pose graphs: a walk through the streets of a town laid out in squares; and wrong loop closures."""
+"""Simulated pose graphs: a walk on a square lattice (Manhattan world), and wrong loop closures."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ MIN_GAP = 10  # poses between the two of a loop closure
 
 @dataclass
 class Walk:
-    """A walk on a square lattice, as in Olson's Manhattan: a step ahead each time, now and then a turn at a crossing."""
+    """A simulated walk on a square lattice, as in Olson's Manhattan: a step ahead each time, now and then a turn at a crossing."""
 
     count: int = 500  # poses
     side: int = 15  # crossings along each side of the town, 1 m apart
     turn_rate: float = 0.3  # of the crossings at which it turns
-    loop_rate: float = 0.5  # of the crossings seen before that are recognised
+    loop_rate: float = 0.5  # of the crossings passed before that are recognised
     sigma_m: float = 0.05  # noise of each measured motion
     sigma_deg: float = 1.0  # and of its rotation
 
@@ -51,9 +51,9 @@ class Walk:
         for _ in range(self.count):
             poses.append((*at, heading * np.pi / 2))
             turns = [-1, 1] if rng.random() < self.turn_rate else [0]
-            ways = [turn for turn in turns if self._inside(_ahead(at, heading + turn))]
-            ways = ways or [turn for turn in (-1, 0, 1, 2) if self._inside(_ahead(at, heading + turn))]
-            heading += int(rng.choice(ways))
+            possible = [turn for turn in turns if self._inside(_ahead(at, heading + turn))]
+            possible = possible or [turn for turn in (-1, 0, 1, 2) if self._inside(_ahead(at, heading + turn))]
+            heading += int(rng.choice(possible))
             at = _ahead(at, heading)
         return np.array(poses, float)
 
@@ -62,7 +62,7 @@ class Walk:
 
 
 def _ahead(at: Ints, heading: int) -> Ints:
-    """The next crossing (2,) in a direction, in quarter turns."""
+    """The next crossing (2,) in a heading, in quarter turns."""
     return np.asarray(at + [(1, 0), (0, 1), (-1, 0), (0, -1)][heading % 4])
 
 
@@ -94,17 +94,17 @@ def with_wrong_loops(graph: PoseGraph, share: float, rng: np.random.Generator) -
     extent = np.ptp(graph.poses[:, :size], axis=0)
     T = np.tile(np.eye(4), (count, 1, 1))
     T[:, :size, 3] = rng.uniform(-0.5, 0.5, (count, size)) * extent
-    turn = rng.uniform(-np.pi, np.pi, count) if graph.planar else rng.standard_normal((count, 4))
+    rotation = rng.uniform(-np.pi, np.pi, count) if graph.planar else rng.standard_normal((count, 4))
     zeros = np.zeros((count, 2 if graph.planar else 3))
-    T[:, :3, :3] = matrices(np.column_stack([zeros, turn if graph.planar else _unit(turn)]))[:, :3, :3]
+    T[:, :3, :3] = matrices(np.column_stack([zeros, rotation if graph.planar else _unit(rotation)]))[:, :3, :3]
     rows = rng.choice(loops, count) if count else loops[:0]
-    spoilt = replace(
+    corrupted = replace(
         graph,
         edges=np.concatenate([graph.edges, np.array(wrong, int).reshape(-1, 2)]),
         motions=np.concatenate([graph.motions, vectors(T, graph.planar)]),
         information=np.concatenate([graph.information, graph.information[rows]]),
     )
-    return spoilt, np.arange(len(graph.edges), len(spoilt.edges))
+    return corrupted, np.arange(len(graph.edges), len(corrupted.edges))
 
 
 def _unit(quaternion: Floats) -> Floats:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from omnilab.api import Floats
-from omnilab_studies.common.plots import COLORS, blank_figure
+from omnilab_studies.common.plots import COLORS
+from omnilab_studies.common.plots import blank_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -16,8 +17,8 @@ if TYPE_CHECKING:
 ROOM_M = 0.5  # shown above and below the true heights
 
 
-def joint(rows: Sequence[Mapping[str, Any]], pairs: tuple[Floats, Floats]) -> Figure:
-    """Answers against the height of the queries, and told against true height over the answered place."""
+def joint(rows: Sequence[Mapping[str, Any]], rises_m: tuple[Floats, Floats]) -> Figure:
+    """Rates of right places against the height of the queries, and estimated against true height over the place."""
     figure = blank_figure(9.6, 4.0)
     left, right = figure.subplots(1, 2)
     offsets = [row["offset_m"] for row in rows]
@@ -35,15 +36,15 @@ def joint(rows: Sequence[Mapping[str, Any]], pairs: tuple[Floats, Floats]) -> Fi
     left.plot(offsets, [100 * row["within_step_rate"] for row in rows], "s--", color="#2563a8", label="within a step")
     left.set(ylim=(0, 103), xlabel="height above the map [m]", ylabel="queries [%]", title="Position")
     left.legend(frameon=False, fontsize=9)
-    true, told = pairs
+    true, estimate = rises_m
     ends = [min(offsets), max(offsets)]
     right.plot(ends, ends, color="#8b93a1", linewidth=1)
-    right.plot(true, told, ".", color="#2563a8", alpha=0.35, markersize=5)
-    right.plot(offsets, [row["told_median_m"] for row in rows], "o-", color="#d1403f", markersize=5, label="median")
+    right.plot(true, estimate, ".", color="#2563a8", alpha=0.35, markersize=5)
+    right.plot(offsets, [row["estimate_median_m"] for row in rows], "o-", color="#d1403f", markersize=5, label="median")
     low, high = ends[0] - ROOM_M, ends[1] + ROOM_M
-    beyond = int(np.sum((told < low) | (told > high)))
-    title = f"Height ({beyond} of {len(told)} beyond the frame)" if beyond else "Height"
-    right.set(xlabel="height above the answered place [m]", ylabel="told [m]", title=title, ylim=(low, high))
+    beyond = int(np.sum((estimate < low) | (estimate > high)))
+    title = f"Height ({beyond} of {len(estimate)} beyond the frame)" if beyond else "Height"
+    right.set(xlabel="height above the estimated place [m]", ylabel="estimate [m]", title=title, ylim=(low, high))
     right.legend(frameon=False, fontsize=9)
     for axes in (left, right):
         axes.grid(alpha=0.25)

@@ -1,4 +1,4 @@
-"""How the study `joint` looks in a viewer."""
+"""Viewer layout of the study `joint`."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ LAYOUT = ViewLayout(
         (
             Panel("image", "Query, a height a step", ("query/image",)),
             Panel("image", "Panorama", ("query/panorama",)),
-            Panel("plot", "Rate of nearest answers at each height", ("nearest",)),
-            Panel("plot", "Height above the map: true, and told", ("height",)),
+            Panel("plot", "Rate of nearest places at each height", ("nearest",)),
+            Panel("plot", "Height above the map: true, and estimated", ("height",)),
         ),
         (Panel("text", "Result", ("summary",)), Panel("log", "Log", ("log",))),
     ),

@@ -1,4 +1,4 @@
-"""The frames of a plan written into a data set, part by part, in this process or in several."""
+"""Frames of a plan rendered into a data set, part by part, in this process or in several."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ from omnilab.errors import DataError
 from omnilab_studies.common.dataset_files import DataSet, describe_camera
 from omnilab_studies.common.frames import disturbed
 
-PART = 64  # frames that are made at a time
-_JOBS: list[Job] = []  # of a worker process: its one job
+PART = 64  # frames that are rendered at a time
+_JOBS: list[RenderJob] = []  # of a worker process: its one job
 
 
 @dataclass(frozen=True)
-class Job:
-    """What turns a plan into files."""
+class RenderJob:
+    """What turns a plan into the files of a data set."""
 
     data: DataSet
     sensor: Sensor
     disturbances: Mapping[str, Disturbance]
     seed: int  # of the disturbances
     need_depth: bool
-    again: bool  # ask the sensor for frames that are there already, too: only it knows when they were taken
+    need_stamps: bool  # request existing frames from the sensor, too: only it knows when they were taken
 
 
 @dataclass(frozen=True)
-class Made:
-    """A part of a plan that is on disk now."""
+class RenderedPart:
+    """A part of a plan that is on disk."""
 
     first: int  # frame
     count: int  # frames of the part, with those left out
     numbers: Ints  # (n,) frames on disk
-    stamps_ns: Ints | None = None  # (n,) None: the sensor was not asked
+    stamps_ns: Ints | None = None  # (n,) None: nothing was requested from the sensor
     camera: Camera | None = None
     has_depth: bool = False
     omitted: list[str] = field(default_factory=list)
@@ -53,8 +53,8 @@ class Made:
 
 
 @dataclass
-class Found:
-    """What the parts of a data set told on the way."""
+class RenderedFrames:
+    """All parts of a plan so far: frames on disk, their camera, what was omitted."""
 
     recorded: bool  # the sensor knows when its images were taken
     stamps_ns: Ints  # (N,) of the plan; those of a recording are filled in
@@ -63,7 +63,8 @@ class Found:
     omitted: list[str] = field(default_factory=list)
     parts: list[Ints] = field(default_factory=list)
 
-    def add(self, part: Made) -> None:
+    def add(self, part: RenderedPart) -> None:
+        """Take one part, in order."""
         self.parts.append(part.numbers)
         self.omitted += part.omitted
         self.camera = self.camera or part.camera
@@ -83,21 +84,22 @@ class Found:
         return self.camera
 
     def about(self, camera: Camera) -> dict[str, Any]:
+        """What `dataset.json` holds of the frames."""
         left_out = {"images": len(self.numbers), "not_delivered": self.omitted}
         return {**left_out, "camera": describe_camera(camera), "depth": self.has_depth}
 
 
-def made(job: Job, plan: Plan, processes: int) -> Generator[Made]:
-    """All parts of a plan, in order, as they come to be on disk."""
+def render_plan(job: RenderJob, plan: Plan, processes: int) -> Generator[RenderedPart]:
+    """All parts of a plan, in order, as they come to be on disk; DataError if a process ends before its part is whole."""
     parts = ((start, plan.at(range(start, min(start + PART, len(plan))))) for start in range(0, len(plan), PART))
     if processes == 1:
-        yield from (make(job, start, part) for start, part in parts)
+        yield from (render_part(job, start, part) for start, part in parts)
         return
     pool = ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"), _begin, (job, processes))
     try:
-        waiting: deque[Future[Made]] = deque()
+        waiting: deque[Future[RenderedPart]] = deque()
         for start, part in parts:
-            waiting.append(pool.submit(_make, start, part))
+            waiting.append(pool.submit(_render_part, start, part))
             if len(waiting) > 2 * processes:
                 yield waiting.popleft().result()
         while waiting:
@@ -111,13 +113,13 @@ def made(job: Job, plan: Plan, processes: int) -> Generator[Made]:
         pool.shutdown(cancel_futures=True)
 
 
-def make(job: Job, start: int, plan: Plan) -> Made:
+def render_part(job: RenderJob, start: int, plan: Plan) -> RenderedPart:
     """Image and write what is missing of a part that begins at frame `start`."""
     numbers = start + np.arange(len(plan))
-    there = [job.data.has(n) for n in numbers.tolist()]
-    if all(there) and start > 0 and not job.again:  # the first part tells what the camera is
-        return Made(start, len(plan), numbers)
-    found: list[Ints] = []
+    exists = [job.data.has(n) for n in numbers.tolist()]
+    if all(exists) and start > 0 and not job.need_stamps:  # the camera is that of the first part
+        return RenderedPart(start, len(plan), numbers)
+    delivered: list[Ints] = []
     stamps: list[Ints] = []
     omitted: list[str] = []
     camera, has_depth = None, False
@@ -127,21 +129,21 @@ def make(job: Job, start: int, plan: Plan) -> Made:
                 "study.cloud_points asks for a point cloud, and the sensor tells no depth; give sensor.depth=true where"
                 " it has that setting, or study.cloud_points=0"
             )
-        spoilt = disturbed(frames, job.disturbances, job.seed)
+        written = disturbed(frames, job.disturbances, job.seed)
         for i, n in enumerate(frames.plan_index):
-            if not there[n]:
+            if not exists[n]:
                 depth = None if frames.depth_m is None else frames.depth_m[i]
-                job.data.write(start + int(n), spoilt.images[i], depth)
-        found.append(start + frames.plan_index)
+                job.data.write(start + int(n), written.images[i], depth)
+        delivered.append(start + frames.plan_index)
         stamps.append(frames.stamps_ns)
         omitted += frames.omitted
         camera, has_depth = frames.camera, frames.depth_m is not None
     if camera is None:
-        return Made(start, len(plan), np.array([], int), np.array([], int), omitted=omitted)
-    return Made(start, len(plan), np.concatenate(found), np.concatenate(stamps), camera, has_depth, omitted)
+        return RenderedPart(start, len(plan), np.array([], int), np.array([], int), omitted=omitted)
+    return RenderedPart(start, len(plan), np.concatenate(delivered), np.concatenate(stamps), camera, has_depth, omitted)
 
 
-def _begin(job: Job, processes: int) -> None:
+def _begin(job: RenderJob, processes: int) -> None:
     """Prepare a worker: its share of the processor, no Ctrl-C of its own, no life after its parent's."""
     import cv2
     from threadpoolctl import threadpool_limits
@@ -155,8 +157,8 @@ def _begin(job: Job, processes: int) -> None:
     _JOBS.append(job)
 
 
-def _make(start: int, plan: Plan) -> Made:
-    return make(_JOBS[0], start, plan)
+def _render_part(start: int, plan: Plan) -> RenderedPart:
+    return render_part(_JOBS[0], start, plan)
 
 
 def _end_with_parent() -> None:

@@ -1,4 +1,4 @@
-"""How the study `render` looks in a viewer."""
+"""Viewer layout of the study `render`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A coloured point cloud of what a data set's images saw, as binary PLY."""
+"""The coloured point cloud of a data set with depth, as binary PLY."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ VERTEX = np.dtype([("xyz", "<f4", 3), ("rgb", "u1", 3)])
 def cloud_of(
     data: DataSet, numbers: Ints, camera: RayCamera, T_world_camera: Floats, most: int
 ) -> npt.NDArray[np.void]:
-    """At most `most` points, drawn from images spread evenly over the data set (Berenguer, thesis, figure 3.13).
+    """At most `most` points of type `VERTEX`, drawn from images spread evenly over the data set (Berenguer, thesis, figure 3.13).
 
     `numbers` (n,) are its frames, `T_world_camera` (N, 4, 4) the poses of the plan.
     """
     images = min(len(numbers), -(-most // PER_IMAGE))
     chosen = numbers[np.linspace(0, len(numbers) - 1, images).astype(int)]
     rng = np.random.default_rng(0)
-    parts = [_seen(data, int(n), camera, T_world_camera[n], -(-most // images), rng) for n in chosen]
+    parts = [_points_of_frame(data, int(n), camera, T_world_camera[n], -(-most // images), rng) for n in chosen]
     return np.concatenate(parts)[:most]
 
 
 def write_ply(file: Path, points: npt.NDArray[np.void]) -> None:
-    """Points of type `VERTEX` (n,): x, y, z in metres in the world, red, green, blue."""
+    """Write points of type `VERTEX` (n,): x, y, z in metres in the world, red, green, blue."""
     properties = [f"property float {axis}" for axis in "xyz"]
     properties += [f"property uchar {name}" for name in ("red", "green", "blue")]
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}", *properties, "end_header", ""]
@@ -41,17 +41,17 @@ def write_ply(file: Path, points: npt.NDArray[np.void]) -> None:
     part.replace(file)
 
 
-def _seen(
+def _points_of_frame(
     data: DataSet, n: int, camera: RayCamera, T_world_camera: Floats, most: int, rng: np.random.Generator
 ) -> npt.NDArray[np.void]:
-    """Some of the points that frame n saw."""
+    """At most `most` random points of frame n."""
     points, pixels = point_cloud(_depth(data, n), camera, T_world_camera), data.read(n)
     rows, columns = np.nonzero(np.isfinite(points).all(-1))
     taken = rng.permutation(len(rows))[:most]
-    seen = np.empty(len(taken), VERTEX)
-    seen["xyz"] = points[rows[taken], columns[taken]]
-    seen["rgb"] = _rgb(pixels)[rows[taken], columns[taken]]
-    return seen
+    cloud = np.empty(len(taken), VERTEX)
+    cloud["xyz"] = points[rows[taken], columns[taken]]
+    cloud["rgb"] = _rgb(pixels)[rows[taken], columns[taken]]
+    return cloud
 
 
 def _depth(data: DataSet, n: int) -> Floats:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from enum import Enum
@@ -16,7 +15,6 @@ from omnilab.api import (
     Camera,
     Image,
     Ints,
-    Metric,
     NamedPath,
     Parts,
     PathPoses,
@@ -38,13 +36,11 @@ from omnilab.image import panorama
 from omnilab.trajectory.files import read_trajectory
 from omnilab_studies.common.dataset_files import DataSet, contents_of
 from omnilab_studies.common.grids import check_extent, grid_poses
-from omnilab_studies.common.image_columns import column_poses
-from omnilab_studies.common.samples import evenly
-from omnilab_studies.common.tables import markdown_table
-from omnilab_studies.datasets.render import figures
-from omnilab_studies.datasets.render.dataset_writer import Found, Job, Made, made
+from omnilab_studies.common.image_columns import check_heights, check_positions, column_poses
+from omnilab_studies.datasets.render.dataset_writer import RenderedFrames, RenderedPart, RenderJob, render_plan
 from omnilab_studies.datasets.render.layout import LAYOUT
 from omnilab_studies.datasets.render.point_cloud import cloud_of, write_ply
+from omnilab_studies.datasets.render.results import report_of
 
 FRAME_NS = 100_000_000  # between images that were not recorded
 STEP_M = 0.4
@@ -57,7 +53,7 @@ class Where(Enum):
     """Where images are taken."""
 
     grid = "grid"  # rows and columns at one height
-    column = "column"  # floor positions at many heights
+    column_poses = "column"  # floor positions at many heights
     path = "path"  # poses of a file
     random = "random"
     recorded = "recorded"  # all that the sensor recorded
@@ -74,18 +70,18 @@ SETTINGS = {  # of each layout
 
 @dataclass
 class Render:
-    """Writes a data set: images, poses with 6 degrees of freedom, calibration and, where the sensor tells it, depth.
+    """Writes a data set: images, poses with 6 degrees of freedom, calibration and, where the sensor has it, depth.
 
-    `layout=grid` takes step_m or every, extent_m, height_m; `column` positions_m, heights_m; `path` a path of the world or a file of poses;
-    `random` count, heading_step_deg, extent_m, height_m; `recorded` all that a recording holds. What was begun is gone
-    on with: the same command again makes what is missing, another one in the same folder is refused. Disturbances spoil
-    the images. The files are described in docs/datasets.md; the sensor `folder` reads them.
+    `layout=grid` takes step_m or every, extent_m, height_m; `column_poses` positions_m, heights_m; `path` a path of the world or a file of poses;
+    `random` count, heading_step_deg, extent_m, height_m; `recorded` all that a recording holds. An unfinished data set is
+    resumed: the same command again renders what is missing, another one in the same folder is refused. Disturbances are
+    applied to the images. The files are described in docs/datasets.md; the sensor `folder` reads them.
     """
 
     folder: str = "???"  # of the data set: new, or one begun with the same settings
-    layout: Where = Where.grid  # or column, path, random, recorded
+    layout: Where = Where.grid  # or column_poses, path, random, recorded
     step_m: float | None = None  # of the grid; null: 0.4
-    every: int | None = None  # grid: each n-th row and column of a recording
+    every: int | None = None  # grid: each n-th row and column_poses of a recording
     extent_m: list[float] | None = None  # x and y size of the area; null: all that the sensor covers
     height_m: float | None = None  # of the viewpoint; null: the sensor's own
     positions_m: list[Any] | None = None  # [[x, y], ...] of columns; null: the world's origin
@@ -93,8 +89,8 @@ class Render:
     path: str | None = None  # of the world, by its name; or a file (.txt, .tum: TUM's format; .csv: with a header)
     count: int | None = None  # of random poses; null: 100
     heading_step_deg: float | None = None  # random headings are multiples of it; null: any heading
-    cloud_points: int = 0  # at most, of cloud.ply; 0: no cloud. Needs a sensor that tells the depth
-    processes: int = 1  # that make images at the same time; they make the same bytes
+    cloud_points: int = 0  # at most, of cloud.ply; 0: no cloud. Needs a sensor with depth
+    processes: int = 1  # that render at the same time, to the same bytes
     show: int = 20  # images that go into the logs
 
     needs: ClassVar[tuple[str, ...]] = ("sensor",)
@@ -106,10 +102,9 @@ class Render:
                 f"study.step_m={self.step_m} with study.every={self.every} makes no grid; give one of them, above 0"
             )
         check_extent(self.extent_m)
-        if self.heights_m is not None and not _is_range(self.heights_m):
-            raise ConfigError(f"study.heights_m={self.heights_m} is no range; give [lowest, highest, step] in metres")
-        if self.positions_m is not None and not (self.positions_m and all(map(_is_position, self.positions_m))):
-            raise ConfigError(f"study.positions_m={self.positions_m} are no positions; give [[x, y], ...] in metres")
+        if self.heights_m is not None:
+            check_heights(self.heights_m)
+        check_positions(self.positions_m)
         for name, least in {"every": 1, "count": 1, "processes": 1, "show": 0, "cloud_points": 0}.items():
             value = getattr(self, name)
             if value is not None and value < least:
@@ -132,14 +127,12 @@ class Render:
             )
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
-        """Plan, make what is missing, describe it."""
+        """Plan, render what is missing, write poses and calibration, measure."""
         record.log("", LAYOUT)
         if scene := parts.sensor.scene():
             record.log("room", scene)
-
-        layout, stamps_ns = self._asked(int(rng.integers(2**32)))
+        layout, stamps_ns = self._pose_request(int(rng.integers(2**32)))
         plan = parts.sensor.plan(layout)
-        stamps_ns = _stamps(stamps_ns, len(plan))
         seed = int(rng.integers(2**32))  # of the disturbances
         contents = contents_of(parts, plan, seed)
         data = DataSet(Path(self.folder))
@@ -147,28 +140,28 @@ class Render:
         if plan.T_world_camera is not None:
             record.log("places", PlaceMap(plan.T_world_camera[:, :3, 3], heading_of(plan.T_world_camera)))
 
-        found = Found(self.layout is Where.recorded, stamps_ns)
-        job = Job(data, parts.sensor, parts.disturbances, seed, self.cloud_points > 0, found.recorded)
-        with closing(made(job, plan, self.processes)) as coming:
-            for part in record.track(coming, "images", len(plan)):
-                if found.camera is None and part.camera is not None:
-                    record.log("log", Text(data.write_camera(part.camera)))
-                found.add(part)
-                self._show(record, data, plan, part, found)
+        recorded = self.layout is Where.recorded
+        rendered = RenderedFrames(recorded, _stamps(stamps_ns, len(plan)))
+        job = RenderJob(data, parts.sensor, parts.disturbances, seed, self.cloud_points > 0, recorded)
+        self._render(job, plan, rendered, record)
 
-        numbers, camera = found.numbers, found.known_camera(plan)
-        data.write_poses(numbers, plan, stamps_ns, self._cells(plan))
-        metrics = _metrics(data, found, plan)
-        if self.cloud_points:
-            metrics.append(Metric("cloud_points", self._write_cloud(data, numbers, camera, plan), "1"))
-        data.close(contents, found.about(camera))
-        for sentence in [*plan.omitted, *found.omitted]:
-            record.log("log", Text(f"left out: {sentence}"))
-        record.log("summary", Text(markdown_table(metrics, str(data.folder)), markdown=True))
-        return Report(metrics, figures={"images": figures.sheet(*_examples(data, numbers, plan))})
+        camera = rendered.known_camera(plan)
+        data.write_poses(rendered.numbers, plan, rendered.stamps_ns, self._cells(plan))
+        cloud_points = self._write_cloud(data, rendered.numbers, camera, plan) if self.cloud_points else None
+        data.close(contents, rendered.about(camera))
+        return report_of(data, rendered, plan, cloud_points)
 
-    def _asked(self, seed: int) -> tuple[PoseRequest, Ints | None]:
-        """The layout, and when its images are taken where a file tells it."""
+    def _render(self, job: RenderJob, plan: Plan, rendered: RenderedFrames, record: Recorder) -> None:
+        """Render what is missing of a plan, and write the camera as soon as it is known."""
+        with closing(render_plan(job, plan, self.processes)) as parts:
+            for part in record.track(parts, "images", len(plan)):
+                if rendered.camera is None and part.camera is not None:
+                    record.log("log", Text(job.data.write_camera(part.camera)))
+                rendered.add(part)
+                self._show(record, job.data, plan, part, rendered)
+
+    def _pose_request(self, seed: int) -> tuple[PoseRequest, Ints | None]:
+        """The poses that the settings describe, and when each is taken where a file has that."""
         step_m = STEP_M if self.step_m is None and self.every is None else self.step_m
         grid = grid_poses(step_m, self.every, self.extent_m, self.height_m)
         match self.layout:
@@ -194,20 +187,21 @@ class Render:
         xy = plan.T_world_camera[:, :2, 3]
         return np.asarray(np.rint((xy - xy.min(0)) / (self.step_m or STEP_M)), int)
 
-    def _show(self, record: Recorder, data: DataSet, plan: Plan, part: Made, found: Found) -> None:
-        """Some frames into the logs: picture, panorama, pose."""
+    def _show(self, record: Recorder, data: DataSet, plan: Plan, part: RenderedPart, rendered: RenderedFrames) -> None:
+        """Log some frames: image, panorama, pose."""
         if self.show == 0:
             return
         every = -(-len(plan) // self.show)
         for n in part.numbers[part.numbers % every == 0].tolist():
-            pixels, tick = data.read(n), Tick(n, int(found.stamps_ns[n]))
+            pixels, tick = data.read(n), Tick(n, int(rendered.stamps_ns[n]))
             record.log("image", Image(pixels), tick)
-            if found.camera is not None:
-                record.log("panorama", Image(panorama(pixels[None], found.camera)[0][:, ::-1]), tick)
+            if rendered.camera is not None:
+                record.log("panorama", Image(panorama(pixels[None], rendered.camera)[0][:, ::-1]), tick)
             if plan.T_world_camera is not None:
                 record.log("camera", Pose(plan.T_world_camera[n]), tick)
 
     def _write_cloud(self, data: DataSet, numbers: Ints, camera: Camera, plan: Plan) -> int:
+        """Write cloud.ply; how many points it has."""
         if not isinstance(camera, RayCamera) or plan.T_world_camera is None:
             raise DataError(
                 f"study.cloud_points={self.cloud_points} asks for a point cloud, which takes a calibrated camera and poses;"
@@ -218,34 +212,6 @@ class Render:
         return len(points)
 
 
-def _stamps(told: Ints | None, count: int) -> Ints:
-    """When frames are taken (N,): as told for each of them, or else ten a second."""
-    return FRAME_NS * np.arange(count) if told is None or len(told) != count else told
-
-
-def _is_position(value: Any) -> bool:
-    """OmegaConf takes [0, 1.5] for no list of floats, so that the setting cannot declare what it holds."""
-    numbers = isinstance(value, list) and len(value) == 2 and all(type(v) in {int, float} for v in value)
-    return numbers and all(map(math.isfinite, value))
-
-
-def _is_range(values: list[float]) -> bool:
-    return len(values) == 3 and all(map(math.isfinite, values)) and values[0] <= values[1] and values[2] > 0
-
-
-def _metrics(data: DataSet, found: Found, plan: Plan) -> list[Metric]:
-    numbers = found.numbers
-    return [
-        Metric("images", len(numbers), "1"),
-        Metric("left_out", len(plan.omitted) + len(found.omitted), "1"),
-        Metric("bytes_per_image", sum(data.image(n).stat().st_size for n in numbers.tolist()) / len(numbers), "B"),
-    ]
-
-
-def _examples(data: DataSet, numbers: Ints, plan: Plan) -> Iterator[Any]:
-    """What the sheet of images shows."""
-    chosen = numbers[evenly(len(numbers), figures.SHEET)]
-    yield [data.read(n) for n in chosen.tolist()]
-    yield chosen
-    yield None if plan.T_world_camera is None else plan.T_world_camera[numbers]
-    yield None if plan.T_world_camera is None else plan.T_world_camera[chosen]
+def _stamps(stamps_ns: Ints | None, count: int) -> Ints:
+    """When frames are taken (N,): as given for each of them, or else ten a second."""
+    return FRAME_NS * np.arange(count) if stamps_ns is None or len(stamps_ns) != count else stamps_ns

@@ -1,4 +1,4 @@
-"""How the study `views` looks in a viewer."""
+"""Viewer layout of the study `views`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from omnilab.api import Panel, ViewLayout
 
 
 def layout_of(panoramas: bool) -> ViewLayout:
-    """Pictures from chosen poses, with or without their panoramas."""
+    """Images from chosen poses, with or without their panoramas."""
     pictures = [Panel("image", "Picture", ("view/image",))]
     if panoramas:
         pictures.append(Panel("image", "Panorama", ("view/panorama",)))

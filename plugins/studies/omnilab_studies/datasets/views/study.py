@@ -1,4 +1,4 @@
-"""What a sensor sees from chosen poses: its pictures, their panoramas, and the point cloud of what lies before it."""
+"""The study `views`: images from chosen poses, their panoramas, and point clouds."""
 
 from __future__ import annotations
 
@@ -20,19 +20,18 @@ from omnilab.api import (
     Pose,
     Recorder,
     Report,
-    Text,
     Tick,
 )
 from omnilab.cameras import RayCamera
 from omnilab.errors import ConfigError
 from omnilab.geometry import poses, rotation_xyz
 from omnilab.image import panorama, point_cloud, to_color
+from omnilab_studies.common import plots
 from omnilab_studies.common.frames import deliver
 from omnilab_studies.common.tables import markdown_table
-from omnilab_studies.datasets.views import figures
 from omnilab_studies.datasets.views.layout import layout_of
 
-FIGURE_3_10 = [  # the thesis's, from a place that is clear in both rooms: up by 0.4 m, 1.5 m aside, turned by 60 and 50 degrees
+FIGURE_3_10 = [  # the thesis's, from a place that is clear in both rooms: up by 0.4 m, 1.5 m aside, rotated by 60 and 50 degrees
     [0.0, -1.5, 1.0, 0.0, 0.0, 0.0],
     [0.0, -1.5, 1.4, 0.0, 0.0, 0.0],
     [1.5, -1.5, 1.4, 0.0, 0.0, 0.0],
@@ -43,14 +42,14 @@ FIGURE_3_10 = [  # the thesis's, from a place that is clear in both rooms: up by
 
 @dataclass
 class Views:
-    """Pictures from chosen poses, with all six degrees of freedom (Berenguer, thesis, figures 3.10 to 3.13).
+    """Images from chosen poses, with all six degrees of freedom (Berenguer, thesis, figures 3.10 to 3.13).
 
-    A pose is [x, y, z, rx, ry, rz]: metres, and degrees about the axes, R = Rx Ry Rz (eq. 3.11). A sensor that tells the
+    A pose is [x, y, z, rx, ry, rz]: metres, and degrees about the axes, R = Rx Ry Rz (eq. 3.11). A sensor with the
     depth of its pixels (`sensor.depth=true`) also gives the point cloud that an RGB-D camera would.
     """
 
     poses: list[Any] = field(default_factory=lambda: [list(pose) for pose in FIGURE_3_10])  # see above
-    panoramas: bool = True  # also unwrap the pictures
+    panoramas: bool = True  # also unwrap the images
     cloud_points: int = 50_000  # at most so many points of each view go into the logs and the figure
 
     needs: ClassVar[tuple[str, ...]] = ("sensor",)
@@ -65,7 +64,7 @@ class Views:
             raise ConfigError(f"study.cloud_points={self.cloud_points} shows nothing; give 1 or more")
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
-        """Take a picture at every pose, and show all that is in it."""
+        """Take an image at every pose; log it with its panorama and its point cloud."""
         record.log("", layout_of(self.panoramas))
         if scene := parts.sensor.scene():
             record.log("room", scene)
@@ -73,43 +72,45 @@ class Views:
         T_world_camera = poses(values[:, :3], rotation_xyz(*np.deg2rad(values[:, 3:].T)))
         record.log("poses", PlaceMap(T_world_camera[:, :3, 3]))
 
-        pictures: list[Bytes] = []
+        images: list[Bytes] = []
         unwrapped: list[Bytes] = []
         clouds: list[PointCloud] = []
         for frames in deliver(parts, parts.sensor.plan(PathPoses(T_world_camera)), record, "views"):
-            pictures += list(frames.images)
+            images += list(frames.images)
             unwrapped += list(panorama(frames.images, frames.camera)[:, :, ::-1]) if self.panoramas else []
             clouds += self._clouds(frames, rng)
             _log(record, frames, unwrapped[-len(frames) :], clouds[-len(frames) :])
+        return self._report(images, unwrapped, clouds)
 
-        metrics = _metrics(pictures, clouds)
-        record.log("summary", Text(_summary(metrics, self.poses), markdown=True))
-        drawn: dict[str, Any] = {"views": figures.views(pictures, unwrapped, self.poses)}
+    def _report(self, images: list[Bytes], unwrapped: list[Bytes], clouds: list[PointCloud]) -> Report:
+        metrics = _metrics(images, clouds)
+        drawn: dict[str, Any] = {"views": plots.views(images, unwrapped, self.poses)}
         if clouds:
-            drawn["cloud"] = figures.cloud(clouds[0].points_m, clouds[0].colors)
-        return Report(metrics, {}, drawn)
+            drawn["cloud"] = plots.cloud(clouds[0].points_m, clouds[0].colors)
+        return Report(metrics, {}, drawn, summary=_summary(metrics, self.poses))
 
     def _clouds(self, frames: Frames, rng: np.random.Generator) -> list[PointCloud]:
-        """What the pixels see, thinned evenly at random."""
+        """The points of each frame's pixels, at most `cloud_points` drawn at random; none without depth, pose or calibration."""
         if frames.depth_m is None or frames.T_world_camera is None or not isinstance(frames.camera, RayCamera):
             return []
         clouds = []
         for image, depth_m, T in zip(to_color(frames.images), frames.depth_m, frames.T_world_camera, strict=True):
             points = point_cloud(depth_m, frames.camera, T)
-            seen = np.flatnonzero(np.isfinite(points).all(-1))
-            kept = np.sort(rng.permutation(seen)[: self.cloud_points])
+            known = np.flatnonzero(np.isfinite(points).all(-1))
+            kept = np.sort(rng.permutation(known)[: self.cloud_points])
             clouds.append(PointCloud(points.reshape(-1, 3)[kept], image.reshape(-1, 3)[kept]))
         return clouds
 
 
 def _is_pose(pose: Any) -> bool:
-    """Whether a value is six finite numbers: whole ones are no floats to OmegaConf, so the field cannot say it."""
+    """Whether a value is six finite numbers: OmegaConf takes integers for no floats, so the field's type cannot check it."""
     return (
         isinstance(pose, list) and len(pose) == 6 and all(isinstance(v, int | float) and np.isfinite(v) for v in pose)
     )
 
 
 def _log(record: Recorder, frames: Frames, unwrapped: list[Bytes], clouds: list[PointCloud]) -> None:
+    """Log a batch: images, poses, panoramas, clouds."""
     for i, image in enumerate(frames.images):
         tick = Tick(int(frames.plan_index[i]), int(frames.stamps_ns[i]))
         record.log("view/image", Image(image), tick)
@@ -121,10 +122,10 @@ def _log(record: Recorder, frames: Frames, unwrapped: list[Bytes], clouds: list[
             record.log("cloud", clouds[i], tick)
 
 
-def _metrics(pictures: list[Bytes], clouds: list[PointCloud]) -> list[Metric]:
-    levels: Floats = np.array([picture.mean() for picture in pictures])
+def _metrics(images: list[Bytes], clouds: list[PointCloud]) -> list[Metric]:
+    levels: Floats = np.array([image.mean() for image in images])
     return [
-        Metric("views", len(pictures), "1"),
+        Metric("views", len(images), "1"),
         Metric("gray_level_mean", float(levels.mean()), "1"),
         Metric("cloud_points", sum(len(cloud.points_m) for cloud in clouds), "1"),
     ]

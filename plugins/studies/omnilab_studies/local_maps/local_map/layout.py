@@ -1,4 +1,4 @@
-"""How the study `local_map` looks in a viewer."""
+"""Viewer layout of the study `local_map`."""
 
 from __future__ import annotations
 

@@ -17,7 +17,6 @@ from omnilab.api import (
     Recorder,
     Report,
     Series,
-    Text,
     Tick,
 )
 from omnilab.errors import ConfigError, DataError
@@ -27,37 +26,39 @@ from omnilab_studies.common.grids import check_extent, check_step, grid_poses
 from omnilab_studies.common.logs import show_picture
 from omnilab_studies.common.methods import Method, descriptors_of, fitted_all, methods_of
 from omnilab_studies.local_maps import figures
-from omnilab_studies.local_maps.candidates import ShortLists, described, keeping, short_lists
-from omnilab_studies.local_maps.embedders import (
-    STATE_NS,
-    FittedMap,
-    makers_of,
-    raised,
-    settling,
+from omnilab_studies.local_maps.candidates import (
+    Candidates,
+    DescribedImages,
+    describe_images,
+    find_candidates,
+    keep_first,
 )
+from omnilab_studies.local_maps.display import STATE_NS, at_height, settling
+from omnilab_studies.local_maps.embedders import embedders_of
 from omnilab_studies.local_maps.local_map.layout import LAYOUT
 from omnilab_studies.local_maps.results import (
-    Trial,
-    errors_of,
-    first_of,
+    FittedMap,
+    LocalMapResult,
+    error_table,
     metrics_of,
+    ranking_of_first,
+    result_table,
     summary_of,
-    table_of,
-    times_of,
+    time_table,
 )
-from omnilab_studies.local_maps.runs import Attempts
+from omnilab_studies.local_maps.runs import LocalMapRuns
 
 
 @dataclass
 class LocalMap:
     """Study B: queries localised in maps of their own (Berenguer, thesis, 4.5.2, figures 4.15-4.17).
 
-    The run's descriptor and distance choose the places most alike to a query. Each method measures the distances
-    among those and the query, each localizer arranges them in a plane, from several starts; the map is fitted to the
-    world (translation, turn, reflection, scale) on its places only, and the error is how far the query then lies from
-    where it was taken. Beside it: the map fitted on all its points, which flatters, and the answers that take no map,
-    the centroid of the places and the most alike place. Metrics are those of the first step and number of neighbours.
-    A descriptor that learns does so on the places of the first step.
+    The run's descriptor and distance find the places most alike to a query, its candidates. Each method measures the
+    distances among those and the query, each localizer embeds them in a plane, from several starts; the map is fitted
+    to the world (translation, rotation, reflection, scale) on its places only, and the error is the distance from the
+    query's position in it to the true one. Beside it: the error of the map fitted on all its points, which is too small,
+    and those of estimates without a map, the centroid of the candidates and the most alike place. Metrics are those of
+    the first step and number of neighbours. A descriptor to be trained is trained on the places of the first step.
     """
 
     steps_m: list[float] = field(default_factory=lambda: [0.1, 0.2, 0.3, 0.4])  # of the grids of places
@@ -87,44 +88,34 @@ class LocalMap:
         check_extent(self.extent_m)
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
-        """Choose, compare, arrange, fit, score: for every step, number of neighbours, method and localizer."""
+        """Find candidates, measure their distances, embed, fit, score: per step, number of neighbours, method, localizer."""
         record.log("", LAYOUT)
         if scene := parts.sensor.scene():
             record.log("room", scene)
-        makers = makers_of(parts)
+        embedders = embedders_of(parts)
         grids = self._grids(parts)
-        asked, plan = self._queries(parts, grids, rng)
-        chooser, methods = _contestants(parts, next(iter(grids.values())), record)
+        query_parts, query_plan = self._queries(parts, grids, rng)
+        retrieval, methods = _methods(parts, next(iter(grids.values())), record)
         seed, *starts = rng.integers(2**32, size=1 + self.starts)
 
-        # the queries: imaged and described once
         shown: list[tuple[Frames, int]] = []
-        frames = keeping(deliver_queries(asked, plan, record, int(seed)), shown, self.show)
-        queries = described([chooser, *methods], frames, "queries", record)
+        frames = keep_first(deliver_queries(query_parts, query_plan, record, int(seed)), shown, self.show)
+        queries = describe_images([retrieval, *methods], frames, "queries", record)
 
-        # the maps: of every step, by all
-        attempts = Attempts(makers, np.array(starts), record)
+        runs = LocalMapRuns(embedders, np.array(starts), record)
         omitted = [*queries.omitted, *(sentence for grid in grids.values() for sentence in grid.omitted)]
+        maps: list[FittedMap] = []
         for step_m, grid in grids.items():
-            frames = deliver(parts, grid, record, f"places, {step_m:g} m")
-            places = described([chooser, *methods], frames, "places", record)
-            self._check_neighbours(step_m, len(places.position_m))
+            places = self._describe_places(parts, step_m, grid, [retrieval, *methods], record)
             omitted += places.omitted
-            lists = short_lists(chooser, places, queries, max(self.neighbours), record)
-            attempts.make(step_m, lists, methods, self.neighbours)
-            if step_m == next(iter(grids)):
-                maps = _show(first_of(attempts.trials)[0], lists, attempts, methods, shown, record)
-
-        # what it amounts to
-        trials = attempts.trials
-        record.log("summary", Text(summary_of(trials), markdown=True))
-        for sentence in [*attempts.misfits.values(), *omitted]:
-            record.log("log", Text(f"left out: {sentence}"))
-        tables = {"local_maps": table_of(trials), "errors": errors_of(trials), "times": times_of(trials)}
-        return Report(metrics_of(trials, len(omitted), rng), tables, figures.local_maps(trials, maps))
+            candidates = find_candidates(retrieval, places, queries, max(self.neighbours), record)
+            runs.run(step_m, candidates, methods, self.neighbours)
+            if not maps:
+                maps = _show(ranking_of_first(runs.results)[0], candidates, runs, methods, shown, record)
+        return _report(runs, maps, omitted, rng)
 
     def _grids(self, parts: Parts) -> dict[float, Plan]:
-        """The places of each step; said early if they are too few."""
+        """The places of each step; DataError before any work if they are too few."""
         layouts = {step_m: grid_poses(step_m, None, self.extent_m, self.height_m) for step_m in self.steps_m}
         grids = {step_m: parts.sensor.plan(layout) for step_m, layout in layouts.items()}
         for step_m, grid in grids.items():
@@ -139,43 +130,63 @@ class LocalMap:
             )
 
     def _queries(self, parts: Parts, grids: Mapping[float, Plan], rng: np.random.Generator) -> tuple[Parts, Plan]:  # noqa: ARG002
-        """The queries, and the parts that deliver them."""
+        """The parts that deliver the queries, and the plan of these."""
         extent_m = None if self.extent_m is None else (self.extent_m[0], self.extent_m[1])
         layout = RandomPoses(self.query_count, int(rng.integers(2**32)), None, extent_m, self.height_m)
         return parts, parts.sensor.plan(layout)
 
+    def _describe_places(
+        self, parts: Parts, step_m: float, grid: Plan, methods: Sequence[Method], record: Recorder
+    ) -> DescribedImages:
+        """The places of one step; DataError if too few could be delivered."""
+        frames = deliver(parts, grid, record, f"places, {step_m:g} m")
+        places = describe_images(methods, frames, "places", record)
+        self._check_neighbours(step_m, len(places.position_m))
+        return places
 
-def _contestants(parts: Parts, grid: Plan, record: Recorder) -> tuple[Method, list[Method]]:
-    """Who chooses the places, and who arranges them. Descriptors that are alike describe once."""
+
+def _methods(parts: Parts, grid: Plan, record: Recorder) -> tuple[Method, list[Method]]:
+    """The retrieval method that finds candidates, and the methods that measure them. Equal descriptors describe once."""
     names = {name for name, descriptor in descriptors_of(methods_of(parts)).items() if descriptor == parts.descriptor}
-    learnt = fitted_all(parts, grid, record)
-    chooser = Method("choice", min(names, default="choice"), learnt.descriptor, learnt.distance, "distance")
-    return chooser, methods_of(learnt)
+    trained = fitted_all(parts, grid, record)
+    retrieval = Method("choice", min(names, default="choice"), trained.descriptor, trained.distance, "distance")
+    return retrieval, methods_of(trained)
 
 
 def _show(
-    best: Trial, lists: ShortLists, attempts: Attempts, methods: Sequence[Method],
+    best: LocalMapResult, candidates: Candidates, runs: LocalMapRuns, methods: Sequence[Method],
     shown: Sequence[tuple[Frames, int]], record: Recorder,
 ) -> list[FittedMap]:  # fmt: skip
-    """The best method's maps of the first queries, as they settle; and the error of every query."""
+    """Log the best method's maps of the first queries, as they settle, and the error of every query."""
     case = best.case
-    places_m, height_m = lists.places_m(case.neighbours), lists.places.position_m[0, 2]
-    record.log("places", PlaceMap(lists.places.position_m))
+    places_m, height_m = candidates.places_m(case.neighbours), candidates.places.position_m[0, 2]
+    record.log("places", PlaceMap(candidates.places.position_m))
     method = next(method for method in methods if method.name == case.method)
-    pairs = lists.pairs(method, case.neighbours, len(shown))
-    arrangement = attempts.again(case, pairs)
+    pairs = candidates.pairwise_distances(method, case.neighbours, len(shown))
+    embedding = runs.embed_with_states(case, pairs)
     step = 0
     maps = []
     for q, (frames, i) in enumerate(shown):
-        truth_m = np.vstack([places_m[q], lists.truth_m[q]])
-        fit = procrustes(arrangement.position[q, :-1], places_m[q])
+        truth_m = np.vstack([places_m[q], candidates.truth_m[q]])
+        fit = procrustes(embedding.position[q, :-1], places_m[q])
         show_picture(record, frames, i, Tick(step, STATE_NS * step))
-        record.log("truth", PlaceMap(raised(truth_m, height_m)), Tick(step, STATE_NS * step))
-        for graph in settling(arrangement, q, pairs[q], fit, height_m):
+        record.log("truth", PlaceMap(at_height(truth_m, height_m)), Tick(step, STATE_NS * step))
+        for graph in settling(embedding, q, pairs[q], fit, height_m):
             record.log("map", graph, Tick(step, STATE_NS * step))
             step += 1
-        maps.append(FittedMap(truth_m, fit.apply(arrangement.position[q])))
+        maps.append(FittedMap(truth_m, fit.apply(embedding.position[q])))
     queries = np.arange(len(best.centroid_m))
     for name, error_m in (("map", best.error_m[:, 0]), ("centroid", best.centroid_m)):
         record.log(f"error/{name}", Series(error_m, queries, STATE_NS * queries, "m"))
     return maps
+
+
+def _report(runs: LocalMapRuns, maps: Sequence[FittedMap], omitted: Sequence[str], rng: np.random.Generator) -> Report:
+    results = runs.results
+    return Report(
+        metrics_of(results, len(omitted), rng),
+        {"local_maps": result_table(results), "errors": error_table(results), "times": time_table(results)},
+        figures.local_map_figures(results, maps),
+        summary=summary_of(results),
+        omitted=[*runs.unsuited.values(), *omitted],
+    )

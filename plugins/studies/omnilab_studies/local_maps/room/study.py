@@ -66,7 +66,7 @@ class Room(LocalMap):
                 "study.every=1 makes every image a place and leaves no queries; give +study.tests.path=DIR, or study.every=2"
             )
         without = None if self.tests else GridPoses(every=self.every)
-        asked = replace(parts, sensor=changed(parts.sensor, "study.tests", self.tests))
-        plan = asked.sensor.plan(RecordedPoses(without=without))
+        query_parts = replace(parts, sensor=changed(parts.sensor, "study.tests", self.tests))
+        plan = query_parts.sensor.plan(RecordedPoses(without=without))
         chosen = rng.choice(len(plan), min(self.query_count, len(plan)), replace=False)
-        return asked, plan.at(np.sort(chosen))
+        return query_parts, plan.at(np.sort(chosen))

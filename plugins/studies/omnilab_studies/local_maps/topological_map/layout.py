@@ -1,4 +1,4 @@
-"""How the study `topological_map` looks in a viewer."""
+"""Viewer layout of the study `topological_map`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Maps of whole grids: how far they are from the truth."""
+"""Results of topological maps: residuals of maps of whole grids, fitted to the truth."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ ON_NODE = 0.1  # steps that a neighbour may be off its node
 NEIGHBOURS = 4  # of a node of a grid
 
 
-class WholeCase(NamedTuple):
-    """What a map is of, and how it was made."""
+class TopologicalMapCase(NamedTuple):
+    """Grid, method, links and localizer of a topological map."""
 
     step_m: float
     method: str
@@ -29,37 +29,39 @@ class WholeCase(NamedTuple):
 
 
 @dataclass(frozen=True)
-class WholeMap:
-    """A map of n images, fitted to where they were taken."""
+class TopologicalMapResult:
+    """An embedding of n images, fitted to their true positions."""
 
-    case: WholeCase
+    case: TopologicalMapCase
     position_m: Floats  # (n, 3) the truth
-    length: Floats  # (n, n) the distances that the map was made of
-    made: Embedding
-    seconds: float  # to arrange it
+    length: Floats  # (n, n) the distances that were embedded
+    embedding: Embedding
+    embed_s: float  # wall time of the embedding
 
     @cached_property
     def fit(self) -> Similarity:
-        return procrustes(self.made.position[0], self.position_m[:, :2])
+        """The similarity that takes the embedding to the world."""
+        return procrustes(self.embedding.position[0], self.position_m[:, :2])
 
     @cached_property
-    def found_m(self) -> Floats:
-        """Where the map has the images, (n, 2)."""
-        return self.fit.apply(self.made.position[0])
+    def estimate_m(self) -> Floats:
+        """Positions (n, 2) of the images in the fitted map."""
+        return self.fit.apply(self.embedding.position[0])
 
     @property
     def rms_m(self) -> float:
         """Root mean square of the residuals."""
-        return float(np.sqrt(np.mean(np.sum((self.found_m - self.position_m[:, :2]) ** 2, axis=1))))
+        return float(np.sqrt(np.mean(np.sum((self.estimate_m - self.position_m[:, :2]) ** 2, axis=1))))
 
     @property
     def rms_steps(self) -> float:
+        """The same, in steps of the grid."""
         return self.rms_m / self.case.step_m
 
     @cached_property
-    def kept(self) -> float:
+    def neighbours_kept(self) -> float:
         """Share of the true grid neighbours that are among the four nearest in the map."""
-        apart = np.linalg.norm(self.found_m[:, None] - self.found_m, axis=-1)
+        apart = np.linalg.norm(self.estimate_m[:, None] - self.estimate_m, axis=-1)
         np.fill_diagonal(apart, np.inf)
         nearest = np.argsort(apart, axis=1, kind="stable")[:, :NEIGHBOURS]
         ends = grid_edges(self.position_m, self.case.step_m)
@@ -67,13 +69,16 @@ class WholeMap:
         return float((nearest[both[:, 0]] == both[:, 1:]).any(axis=1).mean()) if len(both) else float("nan")
 
     @property
-    def way(self) -> str:
-        """How it was made."""
+    def embedding_title(self) -> str:
+        """Localizer and links."""
         return f"{self.case.localizer}, {f'{self.case.links} links' if self.case.links else 'all distances'}"
 
     @property
     def title(self) -> str:
-        return f"{self.case.method}, {self.way}, step {self.case.step_m:g} m: RMS {self.rms_steps:.2f} steps"
+        """Case and residual, for the logs."""
+        return (
+            f"{self.case.method}, {self.embedding_title}, step {self.case.step_m:g} m: RMS {self.rms_steps:.2f} steps"
+        )
 
 
 def grid_edges(position_m: Floats, step_m: float) -> Ints:
@@ -83,7 +88,7 @@ def grid_edges(position_m: Floats, step_m: float) -> Ints:
 
 
 def geodesic(length: Floats, links: int) -> Floats:
-    """Shortest paths (n, n) along each point's links to its `links` nearest (Isomap: Tenenbaum et al., 2000).
+    """Geodesic distances (n, n): shortest paths along each point's links to its `links` nearest (Isomap: Tenenbaum et al., 2000).
 
     DataError if the links leave the points in several parts.
     """
@@ -99,35 +104,35 @@ def geodesic(length: Floats, links: int) -> Floats:
     return paths
 
 
-def best_of_each(maps: Sequence[WholeMap]) -> list[WholeMap]:
-    """The best map of every step and method."""
+def best_of_each(maps: Sequence[TopologicalMapResult]) -> list[TopologicalMapResult]:
+    """The map with the least residual of every step and method."""
     groups = dict.fromkeys(one.case[:2] for one in maps)
     return [min((one for one in maps if one.case[:2] == group), key=lambda one: one.rms_m) for group in groups]
 
 
-def table_of(maps: Sequence[WholeMap]) -> Table:
-    """One row a map."""
+def result_table(maps: Sequence[TopologicalMapResult]) -> Table:
+    """The table `topological_maps`: one row a map."""
     return {
         **_cases(maps),
         "nodes": [len(one.position_m) for one in maps],
         "rms_m": [one.rms_m for one in maps],
         "rms_steps": [one.rms_steps for one in maps],
-        "neighbours_kept": [one.kept for one in maps],
-        "stress": [float(one.made.stress[0]) for one in maps],
-        "iterations": [int(one.made.iterations[0]) for one in maps],
+        "neighbours_kept": [one.neighbours_kept for one in maps],
+        "stress": [float(one.embedding.stress[0]) for one in maps],
+        "iterations": [int(one.embedding.iterations[0]) for one in maps],
     }
 
 
-def times_of(maps: Sequence[WholeMap]) -> Table:
-    """What arranging each map cost, with the states on the way that are kept, on whatever else the machine did."""
-    return {**_cases(maps), "nodes": [len(one.position_m) for one in maps], "arrange_s": [one.seconds for one in maps]}
+def time_table(maps: Sequence[TopologicalMapResult]) -> Table:
+    """The table `times`: wall time of each embedding, including that of keeping its intermediate states."""
+    return {**_cases(maps), "nodes": [len(one.position_m) for one in maps], "embed_s": [one.embed_s for one in maps]}
 
 
-def _cases(maps: Sequence[WholeMap]) -> dict[str, list[Any]]:
-    return {name: [getattr(one.case, name) for one in maps] for name in WholeCase._fields}
+def _cases(maps: Sequence[TopologicalMapResult]) -> dict[str, list[Any]]:
+    return {name: [getattr(one.case, name) for one in maps] for name in TopologicalMapCase._fields}
 
 
-def metrics_of(maps: Sequence[WholeMap], left_out: int) -> list[Metric]:
+def metrics_of(maps: Sequence[TopologicalMapResult], left_out: int) -> list[Metric]:
     """The best map of the first step, the best of each step, and every map of the first step."""
     first = [one for one in maps if one.case.step_m == maps[0].case.step_m]
     best = min(first, key=lambda one: one.rms_m)
@@ -135,7 +140,7 @@ def metrics_of(maps: Sequence[WholeMap], left_out: int) -> list[Metric]:
     return [
         Metric("best_rms_steps", best.rms_steps, "1"),
         Metric("best_rms", best.rms_m, "m"),
-        Metric("best_neighbours_kept", best.kept, "1"),
+        Metric("best_neighbours_kept", best.neighbours_kept, "1"),
         *(
             Metric(f"best_rms_steps_at_{s:g}_m", min(one.rms_steps for one in maps if one.case.step_m == s), "1")
             for s in steps
@@ -150,17 +155,17 @@ def metrics_of(maps: Sequence[WholeMap], left_out: int) -> list[Metric]:
     ]
 
 
-def _key(case: WholeCase) -> str:
+def _key(case: TopologicalMapCase) -> str:
     return f"{case.method.replace(' + ', '_')}_{case.links or 'all'}_{case.localizer}"
 
 
-def summary_of(maps: Sequence[WholeMap]) -> str:
+def summary_of(maps: Sequence[TopologicalMapResult]) -> str:
     """All maps as Markdown, the best of each step first."""
     shown = ("method", "links", "localizer", "rms_steps", "rms_m", "neighbours_kept", "stress", "iterations")
     parts = ["## Topological maps"]
     for step_m in dict.fromkeys(one.case.step_m for one in maps):
         ranking = sorted((one for one in maps if one.case.step_m == step_m), key=lambda one: one.rms_m)
-        table = table_of(ranking)
+        table = result_table(ranking)
         parts += [
             f"### {step_m:g} m, {len(ranking[0].position_m)} images",
             markdown({name: table[name] for name in shown}),

@@ -1,0 +1,133 @@
+"""Results of the study `pose_graph`: rows, metrics, tables, and the files of optima."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from omnilab.api import Floats, Ints, Metric, Optimized, PoseGraph
+from omnilab.posegraph.files import g2o_text
+from omnilab.posegraph.graph import is_loop, matrices
+from omnilab.trajectory.evaluation import Alignment, evaluate, rms
+from omnilab.trajectory.files import tum_text
+from omnilab_studies.common.tables import markdown
+from omnilab_studies.pose_graph import figures
+
+METRICS = (
+    "rms_to_clean_m",
+    "ate_m",
+    "chi2",
+    "chi2_before",
+    "wrong_rejected",
+    "true_rejected",
+    "rpe_metre_m",
+    "drift",
+    "scale",
+    "iterations",
+    "problems",
+)  # which columns of the table are metrics, the most important first
+SHOWN = {"backend", "rms_to_clean_m", "ate_m", "chi2", "wrong_rejected", "time_s"}  # and which are in the viewer
+REJECTED = 0.5  # an edge of a smaller weight is rejected
+
+
+class GraphTruth(NamedTuple):
+    """What the optima of a pose graph are measured against, where it is known."""
+
+    wrong: Ints  # (W,) edges that are wrong loop closures
+    poses: Floats | None  # (N, k) the true poses
+    clean_optimum: Floats | None  # (N, k) the optimum without wrong loop closures
+    alignment: Alignment  # of an optimum with the true poses
+
+
+def row_of(name: str, graph: PoseGraph, optimized: Optimized, truth: GraphTruth, time_s: float) -> dict[str, Any]:
+    """The row of one back end in the table `backends`."""
+    return {
+        "backend": name,
+        "chi2_before": optimized.chi2_before,
+        "chi2": optimized.chi2,
+        **(_rejection_rates(graph, optimized, truth.wrong) if len(truth.wrong) else {}),
+        "iterations": optimized.iterations,
+        "problems": len(optimized.warnings),
+        **_errors(optimized.poses, truth),
+        "time_s": time_s,
+    }
+
+
+def _rejection_rates(graph: PoseGraph, optimized: Optimized, wrong: Ints) -> dict[str, float]:
+    """Shares of the wrong and of the true loop closures that were rejected."""
+    rejected = optimized.weights < REJECTED
+    true = np.setdiff1d(np.flatnonzero(is_loop(graph)), wrong)
+    return {
+        "wrong_rejected": float(rejected[wrong].mean()),
+        "true_rejected": float(rejected[true].mean()) if len(true) else float("nan"),
+    }
+
+
+def _errors(poses: Floats, truth: GraphTruth) -> dict[str, float]:
+    """The errors of poses (N, k), as far as the truth is known."""
+    errors = {}
+    if truth.clean_optimum is not None:
+        size = 2 if poses.shape[1] == 3 else 3
+        errors["rms_to_clean_m"] = rms(np.linalg.norm((poses - truth.clean_optimum)[:, :size], axis=1))
+    if truth.poses is not None:
+        error = evaluate(matrices(poses), matrices(truth.poses), truth.alignment)
+        errors |= {
+            "ate_m": error.ate_m,
+            "rpe_metre_m": error.rpe_metre_m,
+            "drift": error.drift,
+            "scale": error.scale,
+        }
+    return errors
+
+
+def metrics_of(graph: PoseGraph, rows: Sequence[Mapping[str, Any]], wrong: Ints) -> list[Metric]:
+    """Every row's numbers but the time, under the back end's name where there are several."""
+    units = {"rms_to_clean_m": "m", "ate_m": "m", "rpe_metre_m": "m"}
+    names = [name for name in METRICS if name in rows[0]]
+    metrics = [
+        Metric(
+            f"{row['backend']}_{name}".removesuffix("_m") if len(rows) > 1 else name.removesuffix("_m"),
+            float(row[name]), units.get(name, "1"),
+        )
+        for name in names for row in rows
+    ]  # fmt: skip
+    loops = int(is_loop(graph).sum()) - len(wrong)
+    counts = {"poses": len(graph), "edges": len(graph.edges), "loops": loops, "wrong_loops": len(wrong)}
+    return [*metrics, *(Metric(name, count, "1") for name, count in counts.items())]
+
+
+def backend_table(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
+    """The table `backends`: one row a back end."""
+    return {name: [row[name] for row in rows] for name in rows[0]}
+
+
+def edge_table(graph: PoseGraph, optima: Mapping[str, Optimized], wrong: Ints) -> dict[str, Any]:
+    """The table `edges`: each edge's nodes and kind, and by how many standard deviations it is off in each optimum."""
+    ends = graph.ids[graph.edges]
+    table: dict[str, Any] = {"from": ends[:, 0], "to": ends[:, 1], "loop": is_loop(graph).astype(int)}
+    table["wrong"] = np.isin(np.arange(len(ends)), wrong).astype(int)
+    for name, one in optima.items():
+        table[f"{name}_deviations"] = figures.deviations(graph, one.poses).round(6)
+        table[f"{name}_weight"] = one.weights.round(6)
+    return table
+
+
+def summary_of(graph: PoseGraph, rows: Sequence[Mapping[str, Any]], wrong: Ints) -> str:
+    """Size of the graph and the most important columns as Markdown."""
+    loops = int(is_loop(graph).sum())
+    size = f"{len(graph)} poses, {len(graph.edges)} edges, {loops} of them loop closures, {len(wrong)} of these wrong"
+    shown = {name: column for name, column in backend_table(rows).items() if name in SHOWN}
+    return "\n".join(["## Pose graph", "", size, "", markdown(shown)])
+
+
+def files_of(graph: PoseGraph, poses: Mapping[str, Floats]) -> dict[str, str]:
+    """NAME.g2o and NAME.tum, a second a pose, of sets of poses (N, k) by name."""
+    stamps_ns = np.arange(len(graph), dtype=np.int64) * 10**9
+    texts = {}
+    for name, at in poses.items():
+        texts[f"{name}.g2o"] = g2o_text(replace(graph, poses=at))
+        texts[f"{name}.tum"] = tum_text(matrices(at), stamps_ns)
+    return texts
