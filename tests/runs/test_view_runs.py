@@ -18,7 +18,7 @@ from omnilab_mirror import Mirror
 from omnilab_slam import ViewEkf, ViewGraph
 from omnilab_studies import ViewSlam
 from omnilab_studies.common.pose_sources import Source
-from omnilab_studies.view_slam.front_end import Association
+from omnilab_studies.view_slam.front_end import AssociationSettings
 
 pytestmark = pytest.mark.slow
 
@@ -75,7 +75,7 @@ class Lying(PlanarEpipolar):
     told: int = 0
 
     def estimate(self, before, now, rng):
-        found = super().motion(before, now, rng)
+        found = super().estimate(before, now, rng)
         if found.failed or rng.random() > self.share:
             return found
         self.told += 1
@@ -100,7 +100,7 @@ def test_wrong_associations_are_gated_and_counted(share):
         sensor=Way(samples=1), odometry=Simulated(), odometries={"views": views},
         view_filters={"ekf": ViewEkf(), "graph": ViewGraph()},
     )  # fmt: skip
-    study = ViewSlam(images=Source.recorded, views=Association(similarity=0.5))
+    study = ViewSlam(images=Source.recorded, views=AssociationSettings(similarity=0.5))
     report = study.run(parts, Recorder(), np.random.default_rng(2))
     found = {metric.name: metric.value for metric in report.metrics}
     for name in ("ekf", "graph"):

@@ -1,4 +1,4 @@
-"""What an odometry saw: the panorama with the way that matches moved, and the window that won."""
+"""Pictures of matches between images: how far each moved on a panorama, and two panoramas with lines between."""
 
 from __future__ import annotations
 
@@ -8,17 +8,15 @@ from omnilab.api import Bytes, Floats, Frames, Motion
 from omnilab.image import PANORAMA_SHAPE, panorama, to_color
 
 ZOOM = 2
-AGREES, DISAGREES = (70, 220, 130), (240, 80, 80)
+INLIER, OUTLIER = (70, 220, 130), (240, 80, 80)
 
 
-def drawn(frame: Frames, motion: Motion | None) -> Bytes:
-    """The panorama of an image (a batch of one), clockwise to the right, as a person sees it.
+def draw_matches(frame: Frames, motion: Motion | None) -> Bytes:
+    """The panorama of an image (a batch of one) with its matches, clockwise to the right, as a person sees it.
 
-    Lines lead from where a match would be had the camera only turned to where it is: green where it agrees with the
-    motion, else red. The half of the panorama that won the vote is bright.
+    Lines lead from where a match would be under the motion's rotation alone to where it is: green of inliers, red of
+    outliers. The half of the panorama that won a half-window vote is bright.
     """
-    import cv2
-
     rows, columns = PANORAMA_SHAPE
     picture = panorama(to_color(frame.images), frame.camera, (ZOOM * rows, ZOOM * columns))[0]
     if motion is not None and motion.window_rad is not None:
@@ -26,18 +24,24 @@ def drawn(frame: Frames, motion: Motion | None) -> Bytes:
         outside = np.mod(azimuth - motion.window_rad, 2 * np.pi) >= np.pi
         picture[:, outside] //= 2
     picture = np.ascontiguousarray(picture[:, ::-1])
-    if motion is None or motion.matches is None:
-        return picture
-    turn = 0.0 if np.isnan(motion.vector[2]) else float(motion.vector[2])
-    start = _pixels(motion.matches[:, 0] - [turn, 0.0], picture.shape)
-    end = _pixels(motion.matches[:, 1], picture.shape)
+    if motion is not None and motion.matches is not None:
+        _draw_displacements(picture, motion, motion.matches)
+    return picture
+
+
+def _draw_displacements(picture: Bytes, motion: Motion, matches: Floats) -> None:
+    """Lines and dots of matches (M, 2, 2) into a flipped panorama."""
+    import cv2
+
+    rotation = 0.0 if np.isnan(motion.vector[2]) else float(motion.vector[2])
+    start = _pixels(matches[:, 0] - [rotation, 0.0], picture.shape)
+    end = _pixels(matches[:, 1], picture.shape)
     agree = np.ones(len(end), bool) if motion.agree is None else motion.agree
-    for (u0, v0), (u, v), good in zip(start.tolist(), end.tolist(), agree.tolist(), strict=True):
-        color = AGREES if good else DISAGREES
+    for (u0, v0), (u, v), inlier in zip(start.tolist(), end.tolist(), agree.tolist(), strict=True):
+        color = INLIER if inlier else OUTLIER
         if abs(u - u0) < picture.shape[1] / 2:  # not across the seam
             cv2.line(picture, (round(u0), round(v0)), (round(u), round(v)), color, 1, cv2.LINE_AA)
         cv2.circle(picture, (round(u), round(v)), 2, color, -1, cv2.LINE_AA)
-    return picture
 
 
 def _pixels(azimuth_level: Floats, shape: tuple[int, ...]) -> Floats:
@@ -46,10 +50,10 @@ def _pixels(azimuth_level: Floats, shape: tuple[int, ...]) -> Floats:
     return np.column_stack([shape[1] - 1 - share * shape[1], (1 - azimuth_level[:, 1]) * shape[0] - 0.5])
 
 
-def pair(now: Bytes, view: Bytes | None, motion: Motion | None) -> Bytes:
-    """A panorama (H, W) above that of a view, and lines between their matches; black where no view is compared.
+def draw_image_pair(now: Bytes, view: Bytes | None, motion: Motion | None) -> Bytes:
+    """A panorama (H, W) above that of a view, with lines between the inliers; black where no view is compared.
 
-    Panoramas are as `omnilab.image.panorama` makes them; they are shown clockwise, matches that agree in green.
+    Panoramas are as `omnilab.image.panorama` makes them; they are shown clockwise, inliers in green.
     """
     import cv2
 
@@ -60,9 +64,9 @@ def pair(now: Bytes, view: Bytes | None, motion: Motion | None) -> Bytes:
         return picture
     half = (len(both[0]), picture.shape[1])
     ends = [_pixels(motion.matches[:, k], half) + np.array([0, k * half[0]]) for k in (0, 1)]
-    for (u0, v0), (u1, v1), good in zip(ends[0].tolist(), ends[1].tolist(), motion.agree.tolist(), strict=True):
+    for (u0, v0), (u1, v1), inlier in zip(ends[0].tolist(), ends[1].tolist(), motion.agree.tolist(), strict=True):
         for u, v in ((u0, v0), (u1, v1)):
-            cv2.circle(picture, (round(u), round(v)), 2, AGREES if good else DISAGREES, -1, cv2.LINE_AA)
-        if good:
-            cv2.line(picture, (round(u0), round(v0)), (round(u1), round(v1)), AGREES, 1, cv2.LINE_AA)
+            cv2.circle(picture, (round(u), round(v)), 2, INLIER if inlier else OUTLIER, -1, cv2.LINE_AA)
+        if inlier:
+            cv2.line(picture, (round(u0), round(v0)), (round(u1), round(v1)), INLIER, 1, cv2.LINE_AA)
     return picture
