@@ -22,7 +22,7 @@ from omnilab_mcap import McapSink
 from omnilab_mirror import Mirror
 from omnilab_rerun import RerunSink
 from omnilab_slam import GtsamIsam2
-from omnilab_studies.trajectory.mapping_run import Way
+from omnilab_studies.trajectory.mapping_run import MappingRun
 
 LAP = 40
 EIZOH = {"size": 960, "crop": 1.0, "a_mm": 23.5, "b_mm": 80.8, "rim_mm": 64.15, "margin_px": 160}
@@ -69,10 +69,10 @@ def test_one_more_image(benchmark, lap, tmp_path: Path, nodes, pause):
     T = there.T_world_camera[order[np.arange(count) % LAP]]
     parts = Parts(odometry=PlanarEpipolar(), loop_closure=Verified(pause=pause), backend=GtsamIsam2())
     with pinned(1), Recorder({"rerun": RerunSink(), "mcap": McapSink()}, tmp_path) as record:  # as runs are
-        way = Way(parts, Plan([str(i) for i in range(count)], T), record, show=count, gap=3.0)
+        mapping = MappingRun(parts, Plan([str(i) for i in range(count)], T), record, show=count, gap=3.0)
         rng = np.random.default_rng(0)
         for node in range(nodes):
-            way.take(frame(lap, node), rng)
+            mapping.process(frame(lap, node), rng)
         ready = iter([frame(lap, node) for node in range(nodes, count)])
-        benchmark.pedantic(lambda one: way.take(one, rng), setup=lambda: ((next(ready),), {}), rounds=50)
-    benchmark.extra_info["closures"] = len(way.closures)
+        benchmark.pedantic(lambda one: mapping.process(one, rng), setup=lambda: ((next(ready),), {}), rounds=50)
+    benchmark.extra_info["closures"] = len(mapping.closures)

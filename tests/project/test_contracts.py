@@ -19,7 +19,7 @@ from omnilab_mcap import McapSink
 from omnilab_mirror import Mirror
 from omnilab_recordings import Folder
 from omnilab_rerun import RerunSink
-from omnilab_studies import Changes, Localize, MakeMap, Room, Steps
+from omnilab_studies import Changes, Localize, MapStudy, Room, Steps
 
 WORLD = str(Path(__file__).parents[1] / "box_world.yaml")
 
@@ -54,11 +54,11 @@ def parts() -> Parts:
 
 
 def test_the_study_map_keeps_its_contract(parts):
-    check_study(MakeMap(step_m=1.0), parts)
+    check_study(MapStudy(step_m=1.0), parts)
 
 
 def test_the_study_localize_keeps_its_contract(parts):
-    report = MakeMap(step_m=1.0).run(parts, Recorder(), np.random.default_rng(0))
+    report = MapStudy(step_m=1.0).run(parts, Recorder(), np.random.default_rng(0))
     check_study(Localize(query_count=5), replace(parts, map=report.map))
 
 

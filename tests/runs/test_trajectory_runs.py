@@ -14,7 +14,7 @@ from omnilab.runner.run_folder import load_run
 from omnilab.trajectory.files import read_trajectory
 
 pytestmark = pytest.mark.slow
-SMALL = ("experiment=square", "sensor.size=250", "sensor.margin_px=0", "sensor.samples=1", "study.path=way.csv")
+SMALL = ("experiment=square", "sensor.size=250", "sensor.margin_px=0", "sensor.samples=1", "study.path=path.csv")
 
 
 @pytest.fixture
@@ -23,18 +23,18 @@ def folder(tmp_path):
 
 
 @pytest.fixture
-def way(tmp_path):
+def path(tmp_path):
     """A round of 0.4 m radius in the room, and a little further: 44 poses, the last four of them again near the first."""
     angle = [2 * math.pi * i / 40 for i in range(44)]
     rows = [
         f"{-1.6 + 0.4 * math.cos(a)},{-0.6 + 0.4 * math.sin(a)},1,{math.degrees(a) + 90},{10**8 * i}"
         for i, a in enumerate(angle)
     ]
-    (tmp_path / "way.csv").write_text("\n".join(["x_m,y_m,z_m,yaw_deg,stamp_ns", *rows]) + "\n")
-    return tmp_path / "way.csv"
+    (tmp_path / "path.csv").write_text("\n".join(["x_m,y_m,z_m,yaw_deg,stamp_ns", *rows]) + "\n")
+    return tmp_path / "path.csv"
 
 
-def test_a_round_in_the_room_is_mapped_and_its_files_and_logs_hold_it(omnilab_here, folder, way):
+def test_a_round_in_the_room_is_mapped_and_its_files_and_logs_hold_it(omnilab_here, folder, path):
     done = omnilab_here(*SMALL, "loop_closure.exclude=20", "loop_closure.parallax_steps=4", "study.same_place_m=0.3")
     assert done.rc == 0, done.stderr
     found = load_run(folder).metrics
@@ -57,7 +57,7 @@ def test_a_round_in_the_room_is_mapped_and_its_files_and_logs_hold_it(omnilab_he
     assert "the metrics are the same" in omnilab_here("repeat", str(folder.resolve())).stderr
 
 
-def test_the_printed_variant_and_wheels_run_beside_each_other(omnilab_here, tmp_path, way):
+def test_the_printed_variant_and_wheels_run_beside_each_other(omnilab_here, tmp_path, path):
     done = omnilab_here(
         "-m", *SMALL, "odometry=appearance,simulated", "loop_closure=hog_threshold", "loop_closure.w=0.001"
     )
@@ -68,17 +68,17 @@ def test_the_printed_variant_and_wheels_run_beside_each_other(omnilab_here, tmp_
     assert max(ate) < 0.4
 
 
-def test_a_recorded_sequence_is_mapped_with_and_without_its_poses(omnilab_here, tmp_path, folder, way):
+def test_a_recorded_sequence_is_mapped_with_and_without_its_poses(omnilab_here, tmp_path, folder, path):
     made = omnilab_here(
         "experiment=render", f"study.folder={tmp_path}/set", "sensor.size=250", "sensor.samples=1", "study.layout=path",
-        "study.path=way.csv", "~sinks.rerun", "~sinks.mcap",
+        "study.path=path.csv", "~sinks.rerun", "~sinks.mcap",
     )  # fmt: skip
     assert made.rc == 0, made.stderr
     recorded = ("experiment=recorded_trajectory", f"sensor.path={tmp_path}/set")
     done = omnilab_here(*recorded, "odometry=planar_epipolar", "loop_closure=verified", "loop_closure.exclude=20")
     assert done.rc == 0, done.stderr
     assert load_run(folder).metrics["ate"] < 0.05
-    wheels = omnilab_here(*recorded, "odometry=recorded", f"odometry.file={way}", "sensor.positions=null")
+    wheels = omnilab_here(*recorded, "odometry=recorded", f"odometry.file={path}", "sensor.positions=null")
     assert wheels.rc == 0, wheels.stderr
     assert "ate" not in load_run(folder).metrics
     assert len(read_trajectory(folder / "online.tum").T_world_camera) == 44

@@ -18,7 +18,7 @@ from omnilab_mirror import Mirror
 from omnilab_slam import ViewEkf, ViewGraph
 from omnilab_studies import ViewSlam
 from omnilab_studies.common.pose_sources import Source
-from omnilab_studies.view_slam.front_end import Association
+from omnilab_studies.view_slam.front_end import AssociationSettings
 
 pytestmark = pytest.mark.slow
 
@@ -27,8 +27,8 @@ def test_views_are_mapped_from_images_by_both_filters(omnilab_here, tmp_path):
     """Of a world; with the views of that run; then of the same images as a recording, with the wheels from a file."""
     angle = [2 * math.pi * i / 24 for i in range(27)]
     rows = [f"{-1.6 + 0.4 * math.cos(a)},{-0.6 + 0.4 * math.sin(a)},1,{math.degrees(a) + 90}" for a in angle]
-    (tmp_path / "way.csv").write_text("\n".join(["x_m,y_m,z_m,yaw_deg", *rows]) + "\n")
-    there = ("sensor.world=room", "sensor.samples=1", "study.path=way.csv", "study.every_m=0.1", "study.every_rad=0.3")
+    (tmp_path / "path.csv").write_text("\n".join(["x_m,y_m,z_m,yaw_deg", *rows]) + "\n")
+    there = ("sensor.world=room", "sensor.samples=1", "study.path=path.csv", "study.every_m=0.1", "study.every_rad=0.3")
     done = omnilab_here("experiment=view_slam", *there, "study.keep=views")
     assert done.rc == 0, done.stderr
     folder = (tmp_path / "logs/latest").resolve()
@@ -54,8 +54,8 @@ def test_views_are_mapped_from_images_by_both_filters(omnilab_here, tmp_path):
     taken = [line.split() for line in (folder / "truth.tum").read_text().splitlines() if line[0] != "#"]
     raised = [" ".join([stamp, x, y, "1", *turn]) for stamp, x, y, _, *turn in taken]
     (tmp_path / "taken.tum").write_text("\n".join(raised) + "\n")
-    way = ("study.layout=path", "study.path=taken.tum", "study.folder=set")
-    done = omnilab_here("experiment=render", "sensor.world=room", "sensor.samples=1", *way)
+    along_path = ("study.layout=path", "study.path=taken.tum", "study.folder=set")
+    done = omnilab_here("experiment=render", "sensor.world=room", "sensor.samples=1", *along_path)
     assert done.rc == 0, done.stderr
     wheels = f"odometry.file={folder / 'odometry.tum'}"
     done = omnilab_here("experiment=recorded_views", "sensor.path=set", wheels)
@@ -72,13 +72,13 @@ class Lying(PlanarEpipolar):
     """Now and then takes a view for another: a direction and a turn out of thin air."""
 
     share: float = 0.1
-    told: int = 0
+    lies: int = 0
 
     def estimate(self, before, now, rng):
-        found = super().motion(before, now, rng)
+        found = super().estimate(before, now, rng)
         if found.failed or rng.random() > self.share:
             return found
-        self.told += 1
+        self.lies += 1
         away = rng.uniform(1, 5)
         x, y, turn = found.vector
         c, s = math.cos(away), math.sin(away)
@@ -92,15 +92,15 @@ def test_wrong_associations_are_gated_and_counted(share):
     ring = planar_poses(at, angle + np.pi / 2)
     sensor, views = Mirror(samples=1), Lying(share=share)
 
-    class Way(Mirror):
+    class RingMirror(Mirror):
         def plan(self, layout):
             return sensor.plan(PathPoses(ring))
 
     parts = Parts(
-        sensor=Way(samples=1), odometry=Simulated(), odometries={"views": views},
+        sensor=RingMirror(samples=1), odometry=Simulated(), odometries={"views": views},
         view_filters={"ekf": ViewEkf(), "graph": ViewGraph()},
     )  # fmt: skip
-    study = ViewSlam(images=Source.recorded, views=Association(similarity=0.5))
+    study = ViewSlam(images=Source.recorded, views=AssociationSettings(similarity=0.5))
     report = study.run(parts, Recorder(), np.random.default_rng(2))
     found = {metric.name: metric.value for metric in report.metrics}
     for name in ("ekf", "graph"):
@@ -110,7 +110,7 @@ def test_wrong_associations_are_gated_and_counted(share):
             assert 0.3 * share < found[f"{name}_gated"] < 3 * share
         else:
             assert found[f"{name}_gated"] < 0.02
-    assert (views.told > 0) == (share > 0)
+    assert (views.lies > 0) == (share > 0)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Pose graphs, optimised by GTSAM, and maps of views."""
+"""Back ends for pose graphs (GTSAM) and filters for view-based SLAM."""
 
 from omnilab.hooks import Register, hookimpl
 from omnilab_slam.batch import GtsamBatch

@@ -1,4 +1,4 @@
-"""All poses at once."""
+"""Batch Levenberg-Marquardt."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.posegraph.graph import check_graph, dead_reckoning, is_loop
 from omnilab_slam.factors import check_at_least, factors_of, noise_of, poses_of, robust, values_of
 from omnilab_slam.kernels import REDESCENDING, Kernel, check_width, weights
-from omnilab_slam.solvers import FAILURES, answer, brief, check_start, levenberg_marquardt
+from omnilab_slam.solvers import FAILURES, brief, check_start, levenberg_marquardt, refined
 
 
 class Start(Enum):
-    """Where the poses are at first."""
+    """Initial guess of the poses."""
 
     given = "given"  # the graph's own; where a file has none, those of odometry
     odometry = "odometry"  # motions chained from the first pose
@@ -25,10 +25,10 @@ class Start(Enum):
 
 @dataclass
 class GtsamBatch:
-    """Levenberg-Marquardt over the whole graph (GTSAM; Dellaert and Kaess, 2006), then steps on g2o's error.
+    """Batch Levenberg-Marquardt over the whole graph (GTSAM; Dellaert and Kaess, 2006), then Gauss-Newton on g2o's error.
 
-    A robust `kernel` lets loop closures that do not fit count less; edges from a pose to the next are trusted. Kernels
-    that forget what is far off (geman_mcclure, welsch, tukey, dcs) would never leave a bad start: Cauchy goes first.
+    A robust `kernel` lowers the weight of loop closures that do not fit; edges from a pose to the next are trusted.
+    Redescending kernels (geman_mcclure, welsch, tukey, dcs) would never leave a bad start: they start from Cauchy's optimum.
     """
 
     start: Start = Start.given  # given, odometry or lago
@@ -43,27 +43,27 @@ class GtsamBatch:
         check_at_least("tolerance", self.tolerance, 0)
 
     def optimize(self, graph: PoseGraph, covariances: bool = False) -> Optimized:
-        """Start, solve, with a forgetting kernel solve again, polish."""
+        """Initial guess, Levenberg-Marquardt (twice with a redescending kernel), the last Gauss-Newton steps."""
         check_graph(graph)
-        start = first_poses(graph, self.start)
+        start = initial_poses(graph, self.start)
         check_start(graph, start)
         noises, loops = [noise_of(W) for W in graph.information], is_loop(graph)
-        values, iterations, said = values_of(start), 0, list[str]()
+        values, iterations, warnings = values_of(start), 0, list[str]()
         for kernel in [Kernel.cauchy, self.kernel] if self.kernel in REDESCENDING else [self.kernel]:
             width = self.kernel_width if kernel is self.kernel else None
             factors = factors_of(graph, robust(noises, loops, kernel, width))
             solved = levenberg_marquardt(factors, values, self.max_iterations, self.tolerance)
-            values, iterations, said = solved.values, iterations + solved.iterations, said + solved.warnings
+            values, iterations, warnings = solved.values, iterations + solved.iterations, warnings + solved.warnings
 
-        def weigh(each: Floats) -> Floats:
-            return weights(self.kernel, self.kernel_width, loops, each)
+        def weigh(edge_chi2: Floats) -> Floats:
+            return weights(self.kernel, self.kernel_width, loops, edge_chi2)
 
-        solved = solved._replace(iterations=iterations, warnings=said)
-        return answer(graph, start, solved, weigh, factors if covariances else None)
+        solved = solved._replace(iterations=iterations, warnings=warnings)
+        return refined(graph, start, solved, weigh, factors if covariances else None)
 
 
-def first_poses(graph: PoseGraph, start: Start) -> Floats:
-    """Poses (N, k) to start from."""
+def initial_poses(graph: PoseGraph, start: Start) -> Floats:
+    """The initial guess, poses (N, k)."""
     if start is Start.given:
         return graph.poses
     if start is Start.odometry:
@@ -72,7 +72,10 @@ def first_poses(graph: PoseGraph, start: Start) -> Floats:
 
 
 def _lago(graph: PoseGraph) -> Floats:
-    """Linear approximation for graph optimisation, on a copy with diagonal noise, the only one that GTSAM's takes."""
+    """LAGO, linear approximation for graph optimisation (Carlone et al., 2014), on a copy with diagonal noise.
+
+    GTSAM's takes no other noise.
+    """
     import gtsam
 
     if not graph.planar:

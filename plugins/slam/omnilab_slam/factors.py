@@ -1,4 +1,6 @@
-"""Pose graphs as GTSAM's factor graphs. GTSAM orders rotation before translation in space, the contract after it.
+"""Pose graphs as GTSAM's factor graphs.
+
+GTSAM orders rotation before translation in space, the contract after it.
 
 GTSAM's error of an edge is the logarithm in full. Its translation differs from that of `omnilab.posegraph.graph.residuals` as the
 chord of an arc does from the arc: where all edges fit to a few degrees, the optima agree to five digits.
@@ -28,7 +30,7 @@ def check_at_least(name: str, value: float, least: float, kind: str = "backend")
 
 
 def pose_of(vector: Floats) -> Any:
-    """A pose or motion (k,) as GTSAM has it."""
+    """A pose or motion (k,) as GTSAM's Pose2 or Pose3."""
     import gtsam
 
     if len(vector) == 3:
@@ -46,7 +48,7 @@ def vector_of(pose: Any) -> Floats:
 
 
 def noise_of(information: Floats) -> Noise:
-    """Gaussian noise of an edge's information (d, d)."""
+    """Gaussian noise model of an edge's information matrix (d, d)."""
     import gtsam
 
     order = ROTATION_FIRST if len(information) == 6 else slice(None)
@@ -54,7 +56,7 @@ def noise_of(information: Floats) -> Noise:
 
 
 def factor_of(i: int, j: int, motion: Floats, noise: Noise) -> Any:
-    """The measured motion (k,) from pose i to pose j."""
+    """Between factor: the measured motion (k,) from pose i to pose j."""
     import gtsam
 
     kind = gtsam.BetweenFactorPose2 if len(motion) == 3 else gtsam.BetweenFactorPose3
@@ -62,7 +64,7 @@ def factor_of(i: int, j: int, motion: Floats, noise: Noise) -> Any:
 
 
 def anchor(pose: Floats) -> Any:
-    """What keeps pose 0 where it is, (k,)."""
+    """Prior factor that keeps pose 0 at (k,)."""
     import gtsam
 
     noise = gtsam.noiseModel.Isotropic.Sigma(3 if len(pose) == 3 else 6, ANCHOR_SIGMA)
@@ -93,7 +95,7 @@ def poses_of(values: Any, planar: bool) -> Floats:
 
 
 def factors_of(graph: PoseGraph, noises: Iterable[Noise]) -> Any:
-    """The graph's edges with these noises, in their order, and the anchor at the end."""
+    """Factor graph: the graph's edges with these noise models, in their order, and the anchor at the end."""
     import gtsam
 
     factors = gtsam.NonlinearFactorGraph()
@@ -104,7 +106,7 @@ def factors_of(graph: PoseGraph, noises: Iterable[Noise]) -> Any:
 
 
 def robust(noises: list[Noise], loops: Any, kernel: Kernel, width: float | None) -> list[Noise]:
-    """The same noises, those of loops (E,) within a kernel."""
+    """The same noise models, those of loop closures (E,) with a robust kernel."""
     import gtsam
 
     if kernel is Kernel.none:
@@ -114,9 +116,9 @@ def robust(noises: list[Noise], loops: Any, kernel: Kernel, width: float | None)
 
 
 def marginals(factors: Any, values: Any, planar: bool) -> Floats:
-    """Covariances (N, d, d) of all poses, each in its own frame."""
+    """Marginal covariances (N, d, d) of all poses, each in its own frame."""
     import gtsam
 
-    found = gtsam.Marginals(factors, values)
-    covariances = np.array([found.marginalCovariance(i) for i in range(values.size())])
+    joint = gtsam.Marginals(factors, values)
+    covariances = np.array([joint.marginalCovariance(i) for i in range(values.size())])
     return covariances if planar else covariances[:, ROTATION_FIRST][:, :, ROTATION_FIRST]

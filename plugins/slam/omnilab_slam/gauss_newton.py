@@ -1,4 +1,4 @@
-"""The last steps: Gauss-Newton on the error that `omnilab.posegraph.graph.residuals` measures, as g2o has it.
+"""The last Gauss-Newton steps, on the error that `omnilab.posegraph.graph.residuals` measures, as g2o has it.
 
 GTSAM minimises the logarithm of an edge's error. Where loop closures are off by many degrees, the optimum of the other
 is elsewhere: on Manhattan's 3500 poses its chi2 is 10 % lower.
@@ -15,43 +15,43 @@ from omnilab.api import Floats, Ints, PoseGraph
 from omnilab.posegraph.graph import edge_chi2, inverse, matrices, residuals, vectors
 
 PLANAR = np.array([0, 1, 5])  # of x, y, z and a rotation vector
-MOST_DAMPING = 1e6
+MAX_DAMPING = 1e6
 
 
-class Polished(NamedTuple):
-    """Where the last steps ended."""
+class GaussNewtonResult(NamedTuple):
+    """Where the last Gauss-Newton steps ended."""
 
     poses: Floats  # (N, k)
     steps: int
 
 
-def polish(
+def gauss_newton(
     graph: PoseGraph, poses: Floats, weigh: Callable[[Floats], Floats], max_steps: int, tolerance: float
-) -> Polished:
-    """The optimum near poses (N, k), the first of which stays; `weigh` turns chi2 of the edges (E,) into weights (E,).
+) -> GaussNewtonResult:
+    """Damped Gauss-Newton from poses (N, k), the first of which stays; `weigh` turns chi2 of the edges (E,) into weights (E,).
 
     Steps are damped until they lower the weighted sum (Levenberg, 1944), and end where that falls by less than
     `tolerance` of itself.
     """
     weights = weigh(edge_chi2(graph, poses))
     cost, damping, steps = float(weights @ edge_chi2(graph, poses)), 0.0, 0
-    while steps < max_steps and damping < MOST_DAMPING:
+    while steps < max_steps and damping < MAX_DAMPING:
         steps += 1
         moved = _stepped(graph, poses, weights, damping)
-        each = edge_chi2(graph, moved)
-        if not weights @ each < cost:
+        edge_errors = edge_chi2(graph, moved)
+        if not weights @ edge_errors < cost:
             damping = max(10 * damping, 1e-4)
             continue
-        gain, poses, damping = cost - float(weights @ each), moved, damping / 10 if damping > 1e-4 else 0.0
+        gain, poses, damping = cost - float(weights @ edge_errors), moved, damping / 10 if damping > 1e-4 else 0.0
         if gain <= tolerance * cost:
             break
-        weights = weigh(each)
-        cost = float(weights @ each)
-    return Polished(poses, steps)
+        weights = weigh(edge_errors)
+        cost = float(weights @ edge_errors)
+    return GaussNewtonResult(poses, steps)
 
 
 def _stepped(graph: PoseGraph, poses: Floats, weights: Floats, damping: float) -> Floats:
-    """Poses (N, k) after one step."""
+    """Poses (N, k) after one Gauss-Newton step, the diagonal raised by a damping."""
     from scipy.sparse.linalg import splu
 
     T = matrices(poses)
@@ -70,7 +70,7 @@ def _stepped(graph: PoseGraph, poses: Floats, weights: Floats, damping: float) -
 
 
 def jacobians(graph: PoseGraph, T: Floats) -> Floats:
-    """How residuals change, (E, 2, d, d), with the first and the second pose of their edges.
+    """Jacobians (E, 2, d, d) of the residuals by the first and the second pose of their edges.
 
     A pose changes by a translation in the world and a rotation (vector) in its own frame.
     """
@@ -79,18 +79,18 @@ def jacobians(graph: PoseGraph, T: Floats) -> Floats:
     to_z = np.swapaxes(R_i @ R_z, -1, -2)
     inwards = inverse(Ti)[:, :3, :3] @ (Tj - Ti)[:, :3, 3, None]
     full = residuals(graph, vectors(T, graph.planar))
-    turn = np.column_stack([np.zeros((len(full), 2)), full[:, 2]]) if graph.planar else full[:, 3:]
-    right = _right_jacobian_inverse(turn)
+    rotation = np.column_stack([np.zeros((len(full), 2)), full[:, 2]]) if graph.planar else full[:, 3:]
+    right = _right_jacobian_inverse(rotation)
     J = np.zeros((len(Ti), 2, 6, 6))
     J[:, 0, :3, :3], J[:, 1, :3, :3] = -to_z, to_z
-    J[:, 0, :3, 3:] = np.swapaxes(R_z, -1, -2) @ _cross(inwards[..., 0])
+    J[:, 0, :3, 3:] = np.swapaxes(R_z, -1, -2) @ _skew(inwards[..., 0])
     J[:, 0, 3:, 3:] = -right @ np.swapaxes(R_j, -1, -2) @ R_i
     J[:, 1, 3:, 3:] = right
     return J[:, :, PLANAR[:, None], PLANAR] if graph.planar else J
 
 
 def _normal_equations(edges: Ints, H: Floats, g: Floats, count: int) -> tuple[Any, Floats]:
-    """The sparse matrix and the vector (d (N - 1),) of all poses but the first."""
+    """Normal equations: the sparse matrix and the vector (d (N - 1),) of all poses but the first."""
     from scipy.sparse import coo_array
 
     d = g.shape[-1]
@@ -114,24 +114,24 @@ def _retracted(T: Floats, step: Floats, planar: bool) -> Floats:
     return vectors(moved, planar)
 
 
-def _cross(v: Floats) -> Floats:
-    """Matrices (N, 3, 3) that multiply as v (N, 3) does in a cross product."""
+def _skew(v: Floats) -> Floats:
+    """Skew-symmetric matrices (N, 3, 3) of v (N, 3): they multiply as v does in a cross product."""
     out = np.zeros((len(v), 3, 3))
     out[:, 2, 1], out[:, 0, 2], out[:, 1, 0] = v.T
     return out - np.swapaxes(out, -1, -2)
 
 
-def _exponential(turn: Floats) -> Floats:
-    """Rotations (N, 3, 3) of rotation vectors (N, 3) (Rodrigues)."""
-    angle = np.linalg.norm(turn, axis=1)[:, None, None]
-    K = _cross(turn)
+def _exponential(rotation: Floats) -> Floats:
+    """Exponential map: rotations (N, 3, 3) of rotation vectors (N, 3) (Rodrigues)."""
+    angle = np.linalg.norm(rotation, axis=1)[:, None, None]
+    K = _skew(rotation)
     return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * K + np.sinc(angle / (2 * np.pi)) ** 2 / 2 * K @ K)
 
 
-def _right_jacobian_inverse(turn: Floats) -> Floats:
-    """How a rotation vector (N, 3) changes with a rotation on the right, (N, 3, 3)."""
-    angle = np.linalg.norm(turn, axis=1)[:, None, None]
+def _right_jacobian_inverse(rotation: Floats) -> Floats:
+    """Inverse right Jacobian (N, 3, 3) of SO(3) at rotation vectors (N, 3)."""
+    angle = np.linalg.norm(rotation, axis=1)[:, None, None]
     safe = np.where(angle > 1e-4, angle, 1.0)
     factor = np.where(angle > 1e-4, (1 - safe / 2 / np.tan(safe / 2)) / safe**2, 1 / 12)
-    K = _cross(turn)
+    K = _skew(rotation)
     return np.asarray(np.eye(3) + K / 2 + factor * K @ K)

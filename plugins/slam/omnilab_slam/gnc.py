@@ -1,4 +1,4 @@
-"""Outliers sorted out while the problem slowly becomes hard."""
+"""Graduated non-convexity (GNC): rejection of wrong loop closures."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 from omnilab.api import Floats, Optimized, PoseGraph
 from omnilab.errors import ConfigError
 from omnilab.posegraph.graph import check_graph, edge_chi2, is_loop
-from omnilab_slam.batch import Start, first_poses
+from omnilab_slam.batch import Start, initial_poses
 from omnilab_slam.factors import check_at_least, factors_of, noise_of, poses_of, values_of
-from omnilab_slam.solvers import answer, check_start, guarded, parameters
+from omnilab_slam.solvers import check_start, guarded, parameters, refined
 
 
 @dataclass
@@ -20,7 +20,7 @@ class GtsamGnc:
     """Graduated non-convexity with truncated least squares (Yang et al., 2020): each loop closure is kept or rejected.
 
     Edges from a pose to the next are trusted. A loop closure is rejected where its chi2 is beyond what `probability` of
-    sound ones have. GTSAM does not tell how many rounds it took: iterations count the last steps alone.
+    sound ones have. GTSAM does not report how many rounds it took: iterations count the last Gauss-Newton steps alone.
     """
 
     start: Start = Start.given  # given, odometry or lago
@@ -35,11 +35,11 @@ class GtsamGnc:
         check_at_least("tolerance", self.tolerance, 0)
 
     def optimize(self, graph: PoseGraph, covariances: bool = False) -> Optimized:
-        """Weigh and solve until every loop closure is in or out, polish."""
+        """GNC until every loop closure is kept or rejected, then the last Gauss-Newton steps."""
         import gtsam
 
         check_graph(graph)
-        start = first_poses(graph, self.start)
+        start = initial_poses(graph, self.start)
         check_start(graph, start)
         factors, values = factors_of(graph, [noise_of(W) for W in graph.information]), values_of(start)
         weights = np.ones(len(graph.edges))
@@ -47,18 +47,18 @@ class GtsamGnc:
         def solve() -> tuple[Any, int]:
             solver = gtsam.GncLMOptimizer(factors, values, self._settings(graph))
             solver.setInlierCostThresholdsAtProbability(self.probability)
-            found = solver.optimize()
+            optimum = solver.optimize()
             weights[:] = solver.getWeights()[: len(weights)]
-            return found, 0
+            return optimum, 0
 
-        def weigh(each: Floats) -> Floats:  # noqa: ARG001
+        def weigh(_: Floats) -> Floats:
             return weights
 
         def cost(values: Any) -> float:
             return float(weights @ edge_chi2(graph, poses_of(values, graph.planar)))
 
         solved = guarded(values, solve, cost)
-        return answer(graph, start, solved, weigh, factors if covariances else None)
+        return refined(graph, start, solved, weigh, factors if covariances else None)
 
     def _settings(self, graph: PoseGraph) -> Any:
         import gtsam

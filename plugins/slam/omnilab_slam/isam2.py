@@ -1,4 +1,4 @@
-"""One pose after the other."""
+"""Incremental smoothing and mapping (iSAM2)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from omnilab_slam.factors import (
     vector_of,
 )
 from omnilab_slam.kernels import Kernel, check_width, weights
-from omnilab_slam.solvers import FAILURES, brief, check_start, covariances_of
+from omnilab_slam.solvers import FAILURES, brief, check_start, covariances_of, empty_tree
 
 LOOSE_SIGMA = 1.0  # m and rad: the tie of a pose whose update failed
 
@@ -31,7 +31,7 @@ class GtsamIsam2:
     """iSAM2 (Kaess et al., 2012): each pose is added to a Bayes tree of which only what it touches is solved again.
 
     By QR, which stands what Cholesky does not. `optimize` adds a graph's poses one by one, guessed from the poses there
-    are, whatever the graph's own say. Robust kernels are for loop closures; those that forget would keep wrong ones out
+    are, whatever the graph's own say. Robust kernels are for loop closures; redescending ones would keep wrong ones out
     from the start and right ones after a drift.
     """
 
@@ -47,45 +47,47 @@ class GtsamIsam2:
         check_at_least("relinearize_every", self.relinearize_every, 1)
         check_at_least("settle", self.settle, 0)
 
-    def begin(self, first_pose: Floats) -> GrowingMap:
-        """A map with one pose (k,)."""
-        return GrowingMap(self, first_pose)
+    def begin(self, first_pose: Floats) -> Isam2Graph:
+        """An incremental graph of one pose (k,), which stays."""
+        return Isam2Graph(self, first_pose)
 
     def optimize(self, graph: PoseGraph, covariances: bool = False) -> Optimized:
-        """Add every pose with its edges to those before it, let the map settle."""
+        """Add every pose with its edges to those before it, then update without new poses."""
         check_graph(graph)
         check_start(graph, graph.poses)
-        growing, order, said = self.begin(graph.poses[0]), [0], list[str]()
+        incremental, order, warnings = self.begin(graph.poses[0]), [0], list[str]()
         for arrival in arrivals(graph):
-            guess = moved(growing.pose(arrival.before), arrival.motion)
+            guess = moved(incremental.pose(arrival.before), arrival.motion)
             e = arrival.edges
-            said += growing.add(guess, arrival.ends, graph.motions[e], graph.information[e])
+            warnings += incremental.add(guess, arrival.ends, graph.motions[e], graph.information[e])
             order.append(arrival.node)
-        said += growing.settle(self.settle)
+        warnings += incremental.settle(self.settle)
         poses = np.empty_like(graph.poses)
-        poses[order] = growing.poses()
-        each, loops = edge_chi2(graph, poses), is_loop(graph)
-        spread = None
+        poses[order] = incremental.poses()
+        edge_errors, loops = edge_chi2(graph, poses), is_loop(graph)
+        marginal = None
         if covariances:
             factors = factors_of(graph, self.noises(graph.information, loops))
-            spread = covariances_of(factors, poses, said)
-        weight = weights(self.kernel, self.kernel_width, loops, each)
-        return Optimized(poses, chi2(graph), float(each.sum()), len(graph) - 1 + self.settle, weight, spread, said)
+            marginal = covariances_of(factors, poses, warnings)
+        weight = weights(self.kernel, self.kernel_width, loops, edge_errors)
+        return Optimized(
+            poses, chi2(graph), float(edge_errors.sum()), len(graph) - 1 + self.settle, weight, marginal, warnings
+        )
 
     def noises(self, information: Floats, loops: Any) -> list[Any]:
-        """Noise of edges, from information (e, d, d) and which of them are loop closures (e,)."""
+        """Noise models of edges, from information (e, d, d) and which of them are loop closures (e,)."""
         return robust([noise_of(W) for W in information], loops, self.kernel, self.kernel_width)
 
 
-class GrowingMap:
-    """A Bayes tree, and all that is needed to plant it again should an update fail."""
+class Isam2Graph:
+    """Incremental pose graph in a Bayes tree, with its factors, from which the tree is rebuilt should an update fail."""
 
     def __init__(self, settings: GtsamIsam2, first_pose: Floats) -> None:
         import gtsam
 
         self._settings, self._planar = settings, len(first_pose) == 3
-        self._kept = gtsam.NonlinearFactorGraph()
-        self._tree = self._planted()
+        self._factors = gtsam.NonlinearFactorGraph()
+        self._tree = self._empty_tree()
         self._count = 0
         self._update([anchor(first_pose)], first_pose)
 
@@ -96,7 +98,7 @@ class GrowingMap:
         try:
             self._update([factor_of(i, j, motion, noise) for (i, j), motion, noise in measured], pose)
         except FAILURES as error:
-            self._mend(pose)
+            self._recover(pose)
             return [f"pose {self._count - 1} could not be added ({brief(error)}); it stays where it was guessed"]
         return []
 
@@ -119,22 +121,16 @@ class GrowingMap:
             try:
                 self._tree.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), force)
             except FAILURES as error:
-                self._plant_again()
+                self._rebuild()
                 return [f"the map could not settle ({brief(error)}); it stays as it was"]
         return []
 
-    def _planted(self) -> Any:
-        """A tree without leaves."""
-        import gtsam
-
-        parameters = gtsam.ISAM2Params()
-        parameters.setFactorization("QR")
-        parameters.setRelinearizeThreshold(self._settings.relinearize_threshold)
-        parameters.relinearizeSkip = self._settings.relinearize_every
-        return gtsam.ISAM2(parameters)
+    def _empty_tree(self) -> Any:
+        """A Bayes tree without poses."""
+        return empty_tree(self._settings.relinearize_threshold, self._settings.relinearize_every)
 
     def _update(self, factors: list[Any], pose: Floats) -> None:
-        """One more pose (k,) and what is known of it."""
+        """Add one more pose (k,) with its factors."""
         import gtsam
 
         new, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
@@ -142,23 +138,23 @@ class GrowingMap:
             new.push_back(factor)
         values.insert(self._count, pose_of(pose))
         self._tree.update(new, values)
-        self._kept.push_back(new)
+        self._factors.push_back(new)
         self._count += 1
 
-    def _mend(self, pose: Floats) -> None:
-        """The tree as it was before an update failed, and the pose (k,) tied to the one before it."""
+    def _recover(self, pose: Floats) -> None:
+        """Rebuild the tree as it was before an update failed, the new pose (k,) tied loosely to the one before it."""
         import gtsam
 
-        self._plant_again()
+        self._rebuild()
         last = self.pose(self._count - 1)
         motion = vectors(inverse(matrices(last[None])) @ matrices(pose[None]), self._planar)[0]
         noise = gtsam.noiseModel.Isotropic.Sigma(3 if self._planar else 6, LOOSE_SIGMA)
         self._update([factor_of(self._count - 1, self._count, motion, noise)], pose)
 
-    def _plant_again(self) -> None:
-        """A failed update breaks GTSAM's tree for good: a new one, of what the old one held."""
+    def _rebuild(self) -> None:
+        """A new tree of what the old one held: a failed update breaks GTSAM's for good."""
         values = self._tree.getLinearizationPoint()
         if values.exists(self._count):
             values.erase(self._count)
-        self._tree = self._planted()
-        self._tree.update(self._kept, values)
+        self._tree = self._empty_tree()
+        self._tree.update(self._factors, values)

@@ -1,4 +1,4 @@
-"""Robust kernels: how little a loop closure counts that does not fit."""
+"""Robust kernels (M-estimators): the weight of a loop closure by how well it fits."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from omnilab.errors import ConfigError
 
 
 class Kernel(Enum):
-    """By how fast they let go: the last four forget what is far off, and so need a start that is near."""
+    """Robust kernels, by how fast their weight falls: the last four are redescending, and so need a start that is near."""
 
     none = "none"
     huber = "huber"
@@ -41,7 +41,7 @@ def check_width(width: float | None) -> None:
 
 
 def estimator(kernel: Kernel, width: float | None) -> Any:
-    """GTSAM's kernel."""
+    """GTSAM's M-estimator of a kernel."""
     import gtsam
 
     name, usual = NAMES[kernel]
@@ -49,9 +49,9 @@ def estimator(kernel: Kernel, width: float | None) -> Any:
 
 
 def weights(kernel: Kernel, width: float | None, loops: Any, edge_chi2: Floats) -> Floats:
-    """How much each edge (E,) counts, from its chi2 (E,); only `loops` (E,) can count less than fully."""
-    found = np.ones(len(edge_chi2))
+    """Weights (E,) in [0, 1] of the edges by their chi2 (E,); only those of loop closures, `loops` (E,), can be below 1."""
+    weight = np.ones(len(edge_chi2))
     if kernel is not Kernel.none:
-        weigh = estimator(kernel, width).weight
-        found[loops] = [weigh(float(distance)) for distance in np.sqrt(edge_chi2[loops])]
-    return np.clip(found, 0, 1)
+        weight_of = estimator(kernel, width).weight
+        weight[loops] = [weight_of(float(distance)) for distance in np.sqrt(edge_chi2[loops])]
+    return np.clip(weight, 0, 1)

@@ -1,4 +1,4 @@
-"""GTSAM's solvers with a net: what fails is said, and the poses they started from are kept."""
+"""GTSAM's solvers, guarded: a failure becomes a warning, and the poses they started from are kept."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from omnilab.api import Floats, Optimized, PoseGraph
 from omnilab.errors import DataError
 from omnilab.posegraph.graph import chi2, edge_chi2
 from omnilab_slam.factors import marginals, poses_of, values_of
-from omnilab_slam.gauss_newton import polish
+from omnilab_slam.gauss_newton import gauss_newton
 
 FAILURES = (RuntimeError, ValueError, IndexError)  # what GTSAM raises
-MOST_STEPS = 20  # of polishing
-FLATNESS = 1e-6  # relative decrease of chi2 that ends it: steps converge quadratically
+MAX_STEPS = 20  # of Gauss-Newton, at the end
+TOLERANCE = 1e-6  # relative decrease of chi2 that ends them: steps converge quadratically
 
 
 class Solved(NamedTuple):
-    """Where a solver ended."""
+    """Where a solver ended, and what went wrong."""
 
     values: Any  # gtsam.Values
     iterations: int
@@ -37,20 +37,20 @@ def parameters(max_iterations: int, tolerance: float) -> Any:
 
 
 def guarded(start: Any, solve: Callable[[], tuple[Any, int]], cost: Callable[[Any], float]) -> Solved:
-    """What `solve` finds (values and iterations), unless it fails or costs more than its start does then."""
+    """Values and iterations of `solve`; the start and a warning where it fails, or where the cost has grown."""
     try:
-        found, iterations = solve()
+        optimum, iterations = solve()
     except FAILURES as error:
         return Solved(start, 0, [f"the solver failed ({brief(error)}); the poses it started from are kept"])
-    before, after = cost(start), cost(found)
+    before, after = cost(start), cost(optimum)
     if after <= before:
-        return Solved(found, iterations, [])
+        return Solved(optimum, iterations, [])
     sentence = f"the solver diverged (error {before:.4g}, then {after:.4g}); the poses it started from are kept"
     return Solved(start, iterations, [sentence])
 
 
 def levenberg_marquardt(factors: Any, start: Any, max_iterations: int, tolerance: float) -> Solved:
-    """The optimum nearby."""
+    """Levenberg-Marquardt on a factor graph, from GTSAM's values."""
     import gtsam
 
     def solve() -> tuple[Any, int]:
@@ -63,31 +63,45 @@ def levenberg_marquardt(factors: Any, start: Any, max_iterations: int, tolerance
     return solved
 
 
-def answer(
+def empty_tree(relinearize_threshold: float, relinearize_every: int) -> Any:
+    """iSAM2's Bayes tree without poses, factorised by QR."""
+    import gtsam
+
+    settings = gtsam.ISAM2Params()
+    settings.setFactorization("QR")
+    settings.setRelinearizeThreshold(relinearize_threshold)
+    settings.relinearizeSkip = relinearize_every
+    return gtsam.ISAM2(settings)
+
+
+def refined(
     graph: PoseGraph,
     start: Floats,
     solved: Solved,
     weigh: Callable[[Floats], Floats],
     factors: Any | None = None,  # for covariances
 ) -> Optimized:
-    """Polish what was solved, and report; `weigh` turns chi2 of the edges (E,) into their weights (E,)."""
-    poses, said, steps = poses_of(solved.values, graph.planar), list(solved.warnings), 0
+    """The last Gauss-Newton steps, and the result; `weigh` turns chi2 of the edges (E,) into their weights (E,).
+
+    Where they fail, GTSAM's optimum is kept, with a warning.
+    """
+    poses, warnings, steps = poses_of(solved.values, graph.planar), list(solved.warnings), 0
     try:
-        poses, steps = polish(graph, poses, weigh, MOST_STEPS, FLATNESS)
+        poses, steps = gauss_newton(graph, poses, weigh, MAX_STEPS, TOLERANCE)
     except FAILURES as error:  # say, all that ties a pose was rejected
-        said.append(f"the last steps failed ({brief(error)}); GTSAM's optimum is kept")
-    spread = None if factors is None else covariances_of(factors, poses, said)
+        warnings.append(f"the last steps failed ({brief(error)}); GTSAM's optimum is kept")
+    covariances = None if factors is None else covariances_of(factors, poses, warnings)
     iterations = solved.iterations + steps
     weights = weigh(edge_chi2(graph, poses))
-    return Optimized(poses, chi2(graph, start), chi2(graph, poses), iterations, weights, spread, said)
+    return Optimized(poses, chi2(graph, start), chi2(graph, poses), iterations, weights, covariances, warnings)
 
 
-def covariances_of(factors: Any, poses: Floats, said: list[str]) -> Floats | None:
-    """Covariances (N, d, d) of poses (N, k); where there are none, that is added to what is said."""
+def covariances_of(factors: Any, poses: Floats, warnings: list[str]) -> Floats | None:
+    """Marginal covariances (N, d, d) of poses (N, k); None, and one more of the warnings, where there are none."""
     try:
         return marginals(factors, values_of(poses), poses.shape[1] == 3)
     except FAILURES as error:
-        said.append(f"there are no covariances ({brief(error)})")
+        warnings.append(f"there are no covariances ({brief(error)})")
         return None
 
 

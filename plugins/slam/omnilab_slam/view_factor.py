@@ -1,4 +1,4 @@
-"""A view seen from a robot, as a factor between two poses."""
+"""The observation of a view as a factor between two poses."""
 
 from __future__ import annotations
 
@@ -15,35 +15,38 @@ SOFTNESS = 0.25  # of the least distance: standard deviation of a view that seem
 
 
 def view_factor(robot: int, view: int, angles_rad: Floats, covariance: Floats, nearest_m: float) -> Any:
-    """What was observed, bearing and relative orientation (2,) with covariance (2, 2), as GTSAM's factor between two poses.
+    """GTSAM's factor of an observed bearing and relative orientation (2,) with covariance (2, 2), between two poses.
 
-    Both angles in one: their errors are correlated, and GTSAM's own bearing factor knows one of them. A third row keeps
-    the poses apart: close to a view the slightest move explains any bearing, which draws poses there, and where its
-    derivative is that large the covariance is no more than a rumour.
+    Both angles in one: their errors are correlated, and GTSAM's own bearing factor has only one of them. A third row keeps
+    the poses apart: close to a view the slightest move explains any bearing, which draws poses there, and where the
+    Jacobian is that large the covariance means nothing.
     """
     import gtsam
 
     bearing, orientation = angles_rad.tolist()
-    spread = np.diag([0, 0, (SOFTNESS * nearest_m) ** 2])
-    spread[:2, :2] = covariance
+    extended = np.diag([0, 0, (SOFTNESS * nearest_m) ** 2])
+    extended[:2, :2] = covariance
 
-    def error(_: Any, values: Any, derivatives: Any) -> npt.NDArray[np.float64]:
+    def error(_: Any, values: Any, jacobians: Any) -> npt.NDArray[np.float64]:
         a, b = values.atPose2(robot), values.atPose2(view)
-        seen, by_robot, by_view = own_angles(a.x(), a.y(), a.theta(), b.x(), b.y(), b.theta(), nearest_m)
-        if derivatives is not None:
-            derivatives[0], derivatives[1] = by_robot, by_view
-        off = (math.remainder(seen[0] - bearing, 2 * math.pi), math.remainder(seen[1] - orientation, 2 * math.pi))
-        return np.array([*off, seen[2]])
+        predicted, J_robot, J_view = angles_in_own_frames(a.x(), a.y(), a.theta(), b.x(), b.y(), b.theta(), nearest_m)
+        if jacobians is not None:
+            jacobians[0], jacobians[1] = J_robot, J_view
+        off = (
+            math.remainder(predicted[0] - bearing, 2 * math.pi),
+            math.remainder(predicted[1] - orientation, 2 * math.pi),
+        )
+        return np.array([*off, predicted[2]])
 
-    return gtsam.CustomFactor(noise_of(spread), [robot, view], error)
+    return gtsam.CustomFactor(noise_of_covariance(extended), [robot, view], error)
 
 
-def own_angles(
+def angles_in_own_frames(
     x: float, y: float, heading: float, view_x: float, view_y: float, view_heading: float, nearest_m: float
 ) -> tuple[tuple[float, float, float], Floats, Floats]:
-    """Bearing, relative orientation and the metres that a view is too near, and their derivatives (3, 3) by both poses.
+    """Bearing, relative orientation and the metres that a view is too near, and their Jacobians (3, 3) by both poses.
 
-    The derivatives are those of moves as GTSAM makes them, in each pose's own frame.
+    The Jacobians are those of moves in each pose's own frame, as GTSAM's retraction makes them.
     """
     c, s = math.cos(heading), math.sin(heading)
     dx, dy = view_x - x, view_y - y
@@ -55,13 +58,13 @@ def own_angles(
     u, v = (ahead / distance, left / distance) if short else (0.0, 0.0)
     between = view_heading - heading
     c, s = math.cos(between), math.sin(between)
-    by_robot = np.array([[-p, -q, -1.0], [0, 0, -1], [u, v, 0]])
-    by_view = np.array([[p * c + q * s, q * c - p * s, 0], [0, 0, 1.0], [-u * c - v * s, u * s - v * c, 0]])
-    return (math.atan2(left, ahead), between, short), by_robot, by_view
+    J_robot = np.array([[-p, -q, -1.0], [0, 0, -1], [u, v, 0]])
+    J_view = np.array([[p * c + q * s, q * c - p * s, 0], [0, 0, 1.0], [-u * c - v * s, u * s - v * c, 0]])
+    return (math.atan2(left, ahead), between, short), J_robot, J_view
 
 
-def noise_of(covariance: Floats) -> Any:
-    """A covariance as GTSAM's noise."""
+def noise_of_covariance(covariance: Floats) -> Any:
+    """GTSAM's Gaussian noise model of a covariance (d, d)."""
     import gtsam
 
     return gtsam.noiseModel.Gaussian.Covariance(covariance + FLOOR * np.eye(len(covariance)))

@@ -1,10 +1,10 @@
-"""Views mapped by a factor graph that grows with the robot's way."""
+"""View-based SLAM by a factor graph, solved incrementally (iSAM2)."""
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from typing import Any
+from warnings import warn
 
 import numpy as np
 
@@ -12,13 +12,22 @@ from omnilab.api import Bools, Floats, Ints
 from omnilab.geometry import wrap_angle
 from omnilab.posegraph.graph import moved
 from omnilab_slam.factors import check_at_least, factor_of, pose_of, poses_of, vector_of
-from omnilab_slam.solvers import FAILURES, brief, levenberg_marquardt
-from omnilab_slam.view_factor import noise_of, view_factor
-from omnilab_slam.view_model import Gate, Seen, check_motion, check_pose, mahalanobis, see, turn, usable
+from omnilab_slam.solvers import FAILURES, brief, empty_tree, levenberg_marquardt
+from omnilab_slam.view_factor import noise_of_covariance, view_factor
+from omnilab_slam.view_model import (
+    Gate,
+    PredictedAngles,
+    check_motion,
+    check_pose,
+    mahalanobis,
+    planar_rotation,
+    predict_angles,
+    usable,
+)
 
-KNOWN = 1 << 62  # views from before have numbers from here on: those of the way's poses are the steps
+KNOWN = 1 << 62  # views from before have numbers from here on: those of the trajectory's poses are the steps
 LOOSE = np.eye(3)  # m², rad²: of the motion to a pose whose update failed
-MOST_ITERATIONS, TOLERANCE = 100, 1e-6  # of the last solution
+MAX_ITERATIONS, TOLERANCE = 100, 1e-6  # of the last solution
 
 
 @dataclass
@@ -26,7 +35,7 @@ class ViewGraph(Gate):
     """Factor graph of all the robot's poses, of which some are views: motions, bearings and relative orientations.
 
     iSAM2 (Kaess et al., 2012), by QR, solves it step by step, and linearises anew what has moved. Where a robot that has
-    lost its way sees a view again, bearings are far from linear: an update that does not explain what it was told has the
+    been lost observes a view again, bearings are far from linear: an update that does not explain its observations has the
     whole graph solved (Levenberg-Marquardt), as `finish` does. Observations are gated by the covariance that the graph
     predicts, and poses are kept `nearest_m` from the views that they observe.
     """
@@ -50,74 +59,80 @@ class ViewGraph(Gate):
 
 
 class GraphMap:
-    """A Bayes tree over the poses of the way, by step, and all that is needed to plant it again should an update fail."""
+    """A Bayes tree over the trajectory's poses, by step, with its factors, from which it is rebuilt should an update fail."""
 
     def __init__(self, settings: ViewGraph, pose: Floats, covariance: Floats) -> None:
         import gtsam
 
         self._settings, self._step, self._views = settings, 0, list[int]()
-        self._kept = gtsam.NonlinearFactorGraph()
-        self._tree = self._planted()
-        self._know(0, pose, covariance)
+        self._factors = gtsam.NonlinearFactorGraph()
+        self._tree = self._empty_tree()
+        self._add_prior(0, pose, covariance)
 
     def predict(self, motion: Floats, covariance: Floats) -> list[str]:
         """See `omnilab.api.ViewMap`."""
-        said = check_motion(motion, covariance, self._step + 1)
-        if said:
+        warnings = check_motion(motion, covariance, self._step + 1)
+        if warnings:
             motion, covariance = np.zeros(3), np.zeros((3, 3))
-        guess = moved(self._at(self._step), motion)
+        guess = moved(self._pose(self._step), motion)
         new = self._step + 1
         try:
-            self._update([factor_of(self._step, new, motion, noise_of(covariance))], {new: guess})
+            self._update([factor_of(self._step, new, motion, noise_of_covariance(covariance))], {new: guess})
         except FAILURES as error:
-            self._plant_again()
-            self._update([factor_of(self._step, new, motion, noise_of(LOOSE))], {new: guess})
-            said.append(
+            self._rebuild()
+            self._update([factor_of(self._step, new, motion, noise_of_covariance(LOOSE))], {new: guess})
+            warnings.append(
                 f"step {new}: the motion could not be added ({brief(error)}); the robot is where it was guessed"
             )
         self._step = new
-        return said
+        return warnings
 
     def observe(self, views: Ints, angles_rad: Floats, covariances: Floats) -> tuple[Bools, list[str]]:
         """See `omnilab.api.ViewMap`."""
         nodes = [self._views[view] for view in views]
-        seen = see(self._at(self._step), self._all(nodes))
-        believed, said = usable(views, seen, angles_rad, covariances, self._settings.nearest_m, self._step)
+        predicted = predict_angles(self._pose(self._step), self._poses(nodes))
+        believed, warnings = usable(views, predicted, angles_rad, covariances, self._settings.nearest_m, self._step)
         if not believed.any():
-            return believed, said
-        before = self._kept.size()
+            return believed, warnings
+        before = self._factors.size()
         try:
             fit = np.flatnonzero(believed)
-            S = covariances[fit] + self._spread([nodes[k] for k in fit], seen.at(fit))
-            v = wrap_angle(angles_rad[fit] - seen.angles_rad[fit])
+            S = covariances[fit] + self._predicted_covariances([nodes[k] for k in fit], predicted.at(fit))
+            v = wrap_angle(angles_rad[fit] - predicted.angles_rad[fit])
             believed[fit] = mahalanobis(v, S) <= self._settings.gate
             factors = [
                 view_factor(self._step, nodes[k], angles_rad[k], covariances[k], self._settings.nearest_m)
                 for k in np.flatnonzero(believed)
             ]
             self._update(factors, {})
-            if self._missed([nodes[k] for k in np.flatnonzero(believed)], angles_rad[believed], covariances[believed]):
-                said += self._solve()
+            if self._unexplained(
+                [nodes[k] for k in np.flatnonzero(believed)], angles_rad[believed], covariances[believed]
+            ):
+                warnings += self._solve()
         except FAILURES as error:
-            self._kept.resize(before)
-            self._plant_again()
+            self._factors.resize(before)
+            self._rebuild()
             believed[:] = False
-            said.append(f"step {self._step}: the observations could not be added ({brief(error)}); they are left out")
-        return believed, said
+            warnings.append(
+                f"step {self._step}: the observations could not be added ({brief(error)}); they are left out"
+            )
+        return believed, warnings
 
-    def _missed(self, nodes: list[int], angles_rad: Floats, covariances: Floats) -> bool:
-        """Whether an update leaves its observations farther off than they may be: it was far from linear."""
-        seen = see(self._at(self._step), self._all(nodes))
-        v = wrap_angle(angles_rad - seen.angles_rad)
+    def _unexplained(self, nodes: list[int], angles_rad: Floats, covariances: Floats) -> bool:
+        """Whether an update leaves its observations farther off than `surprise`: it was far from linear."""
+        predicted = predict_angles(self._pose(self._step), self._poses(nodes))
+        v = wrap_angle(angles_rad - predicted.angles_rad)
         return bool((mahalanobis(v, covariances) > self._settings.surprise).any())
 
-    def _spread(self, nodes: list[int], seen: Seen) -> Floats:
-        """Covariances (K, 2, 2) of what it should see at nodes, from those of the robot with each."""
+    def _predicted_covariances(self, nodes: list[int], predicted: PredictedAngles) -> Floats:
+        """Covariances (K, 2, 2) of the predicted observations of nodes, from the joint ones of the robot with each."""
         keys = sorted({self._step, *nodes})
         joint = self._tree.jointMarginalCovariance(keys).fullMatrix().reshape(len(keys), 3, len(keys), 3)
         r, k = keys.index(self._step), np.array([keys.index(node) for node in nodes])
-        frames = [turn(self._at(node)[2]) for node in (self._step, *nodes)]  # of the marginals: each pose's own
-        A, B = seen.by_robot @ frames[0], seen.by_view @ np.array(frames[1:])
+        frames = [
+            planar_rotation(self._pose(node)[2]) for node in (self._step, *nodes)
+        ]  # of the marginals: each pose's own
+        A, B = predicted.J_robot @ frames[0], predicted.J_view @ np.array(frames[1:])
         cross = A @ joint[r, :, k] @ B.transpose(0, 2, 1)
         own = A @ joint[r, :, r] @ A.transpose(0, 2, 1) + B @ joint[k, :, k] @ B.transpose(0, 2, 1)
         return np.asarray(own + cross + cross.transpose(0, 2, 1))
@@ -130,17 +145,17 @@ class GraphMap:
     def know_view(self, pose: Floats, covariance: Floats) -> int:
         """See `omnilab.api.ViewMap`."""
         check_pose("a view", pose, covariance)
-        self._know(KNOWN + len(self._views), pose, covariance)
+        self._add_prior(KNOWN + len(self._views), pose, covariance)
         self._views.append(KNOWN + len(self._views))
         return len(self._views) - 1
 
     def pose(self) -> tuple[Floats, Floats]:
         """See `omnilab.api.ViewMap`."""
-        return self._at(self._step), self._covariance(self._step)
+        return self._pose(self._step), self._covariance(self._step)
 
     def views(self) -> Floats:
         """See `omnilab.api.ViewMap`."""
-        return self._all(self._views)
+        return self._poses(self._views)
 
     def view_covariances(self) -> Floats:
         """See `omnilab.api.ViewMap`."""
@@ -149,40 +164,34 @@ class GraphMap:
     def finish(self) -> Floats:
         """See `omnilab.api.ViewMap`."""
         start = self._tree.calculateEstimate()
-        solved = levenberg_marquardt(self._kept, start, MOST_ITERATIONS, TOLERANCE)
+        solved = levenberg_marquardt(self._factors, start, MAX_ITERATIONS, TOLERANCE)
         for sentence in solved.warnings:
-            warnings.warn(f"the whole graph of views: {sentence}", stacklevel=2)
+            warn(f"the whole graph of views: {sentence}", stacklevel=2)
         return poses_of(solved.values, planar=True)[: self._step + 1]
 
-    def _know(self, node: int, pose: Floats, covariance: Floats) -> None:
-        """A node more, at a pose that is known by itself."""
+    def _add_prior(self, node: int, pose: Floats, covariance: Floats) -> None:
+        """A prior factor: one more node at a pose (3,) known with a covariance (3, 3)."""
         import gtsam
 
-        to_own = turn(-pose[2])
-        prior = gtsam.PriorFactorPose2(node, pose_of(pose), noise_of(to_own @ covariance @ to_own.T))
+        to_own = planar_rotation(-pose[2])
+        prior = gtsam.PriorFactorPose2(node, pose_of(pose), noise_of_covariance(to_own @ covariance @ to_own.T))
         self._update([prior], {node: pose})
 
-    def _at(self, node: int) -> Floats:
+    def _pose(self, node: int) -> Floats:
         return vector_of(self._tree.calculateEstimatePose2(node))
 
-    def _all(self, nodes: list[int]) -> Floats:
+    def _poses(self, nodes: list[int]) -> Floats:
         """Poses (N, 3)."""
-        return np.array([self._at(node) for node in nodes]).reshape(-1, 3)
+        return np.array([self._pose(node) for node in nodes]).reshape(-1, 3)
 
     def _covariance(self, node: int) -> Floats:
-        """Of a pose, in the world's frame."""
-        to_world = turn(float(self._at(node)[2]))
-        found = to_world @ self._tree.marginalCovariance(node) @ to_world.T
-        return np.asarray((found + found.T) / 2)
+        """The marginal covariance (3, 3) of a pose, in the world's frame."""
+        to_world = planar_rotation(float(self._pose(node)[2]))
+        covariance = to_world @ self._tree.marginalCovariance(node) @ to_world.T
+        return np.asarray((covariance + covariance.T) / 2)
 
-    def _planted(self) -> Any:
-        import gtsam
-
-        parameters = gtsam.ISAM2Params()
-        parameters.setFactorization("QR")
-        parameters.setRelinearizeThreshold(self._settings.relinearize_threshold)
-        parameters.relinearizeSkip = self._settings.relinearize_every
-        return gtsam.ISAM2(parameters)
+    def _empty_tree(self) -> Any:
+        return empty_tree(self._settings.relinearize_threshold, self._settings.relinearize_every)
 
     def _update(self, factors: list[Any], poses: dict[int, Floats]) -> None:
         import gtsam
@@ -193,19 +202,19 @@ class GraphMap:
         for node, pose in poses.items():
             values.insert(node, pose_of(pose))
         self._tree.update(new, values)
-        self._kept.push_back(new)
+        self._factors.push_back(new)
 
     def _solve(self) -> list[str]:
-        """The whole graph solved from where it is, and a tree of that. What went wrong."""
-        solved = levenberg_marquardt(self._kept, self._tree.calculateEstimate(), MOST_ITERATIONS, TOLERANCE)
-        self._tree = self._planted()
-        self._tree.update(self._kept, solved.values)
+        """Solve the whole graph by Levenberg-Marquardt and rebuild the tree from that; warnings."""
+        solved = levenberg_marquardt(self._factors, self._tree.calculateEstimate(), MAX_ITERATIONS, TOLERANCE)
+        self._tree = self._empty_tree()
+        self._tree.update(self._factors, solved.values)
         return [f"step {self._step}: {sentence}" for sentence in solved.warnings]
 
-    def _plant_again(self) -> None:
-        """A failed update breaks GTSAM's tree for good: a new one, of what the old one held."""
+    def _rebuild(self) -> None:
+        """A new tree of what the old one held: a failed update breaks GTSAM's for good."""
         values = self._tree.getLinearizationPoint()
         if values.exists(self._step + 1):
             values.erase(self._step + 1)
-        self._tree = self._planted()
-        self._tree.update(self._kept, values)
+        self._tree = self._empty_tree()
+        self._tree.update(self._factors, values)

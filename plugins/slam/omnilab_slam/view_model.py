@@ -1,4 +1,4 @@
-"""A view observed from a robot: its two angles, their derivatives, and which observations can be used."""
+"""Observation model of a view: its two angles, their Jacobians, gating, and which observations can be used."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SLACK = 1e-9  # of the largest eigenvalue: rounding may make one that is zero as
 
 @dataclass
 class Gate:
-    """Settings that view filters share."""
+    """Gating of observations, settings that view filters share."""
 
     gate_probability: float = 0.999  # of sound observations to be believed; 1: all are
     nearest_m: float = 0.2  # views are observed from no nearer: those that seem to be are left out
@@ -34,43 +34,43 @@ class Gate:
         return float("inf") if self.gate_probability == 1 else float(-2 * np.log1p(-self.gate_probability))
 
 
-class Seen(NamedTuple):
-    """What a robot should see of K views."""
+class PredictedAngles(NamedTuple):
+    """The predicted observations of K views, with their Jacobians."""
 
     angles_rad: Floats  # (K, 2) bearing and relative orientation, not wrapped
-    by_robot: Floats  # (K, 2, 3) their derivatives by the robot's pose
-    by_view: Floats  # (K, 2, 3) and by each view's own
+    J_robot: Floats  # (K, 2, 3) their Jacobians by the robot's pose
+    J_view: Floats  # (K, 2, 3) and by each view's own
     distance_m: Floats  # (K,)
 
-    def at(self, which: Ints) -> Seen:
+    def at(self, which: Ints) -> PredictedAngles:
         """The same of some of the views."""
-        return Seen(*(each[which] for each in self))
+        return PredictedAngles(*(each[which] for each in self))
 
 
-def see(robot: Floats, views: Floats) -> Seen:
-    """Views (K, 3) from a robot (3,), in the world's frame (Gil et al., 2012, eq. 12)."""
+def predict_angles(robot: Floats, views: Floats) -> PredictedAngles:
+    """Bearings and relative orientations of views (K, 3) from a robot (3,), in the world's frame (Gil et al., 2012, eq. 12)."""
     dx, dy = (views[:, :2] - robot[:2]).T
     squared = np.maximum(dx * dx + dy * dy, 1e-12)  # where it stands on a view, which is then left out
-    by_view, by_robot = np.zeros((2, len(views), 2, 3))
-    by_view[:, 0, 0], by_view[:, 0, 1], by_view[:, 1, 2] = -dy / squared, dx / squared, 1
-    by_robot[:, 0, :2], by_robot[:, :, 2] = -by_view[:, 0, :2], -1
+    J_view, J_robot = np.zeros((2, len(views), 2, 3))
+    J_view[:, 0, 0], J_view[:, 0, 1], J_view[:, 1, 2] = -dy / squared, dx / squared, 1
+    J_robot[:, 0, :2], J_robot[:, :, 2] = -J_view[:, 0, :2], -1
     angles = np.column_stack([np.arctan2(dy, dx), views[:, 2]]) - robot[2]
-    return Seen(angles, by_robot, by_view, np.sqrt(squared))
+    return PredictedAngles(angles, J_robot, J_view, np.sqrt(squared))
 
 
 def usable(
-    views: Ints, seen: Seen, angles_rad: Floats, covariances: Floats, nearest_m: float, step: int
+    views: Ints, predicted: PredictedAngles, angles_rad: Floats, covariances: Floats, nearest_m: float, step: int
 ) -> tuple[Bools, list[str]]:
-    """Which observations (K,) can be used: of views that are far enough, and sound. What is wrong with those that are not."""
+    """Which observations (K,) can be used: of views that are far enough, and sound; and warnings of those that are not sound."""
     finite, positive = np.isfinite(angles_rad).all(axis=1), is_covariance(covariances)
     wrong = {
         "angles that are no numbers": ~finite,
         "a covariance that is not positive definite": ~positive,
     }
-    said = [
+    warnings = [
         f"step {step}: view {view} has {what}; it is left out" for what, which in wrong.items() for view in views[which]
     ]
-    return finite & positive & (seen.distance_m >= nearest_m), said
+    return finite & positive & (predicted.distance_m >= nearest_m), warnings
 
 
 def is_covariance(matrices: Floats) -> Bools:
@@ -90,7 +90,7 @@ def check_pose(what: str, pose: Floats, covariance: Floats) -> None:
 
 
 def check_motion(motion: Floats, covariance: Floats, step: int) -> list[str]:
-    """Why a motion (3,) with its covariance (3, 3) cannot be used; nothing if it can."""
+    """Warnings of a motion (3,) with its covariance (3, 3) that cannot be used; none if it can."""
     if not np.isfinite(motion).all():
         return [f"step {step}: the motion is no number; the robot is taken to stand still"]
     if not is_covariance(covariance):
@@ -99,14 +99,14 @@ def check_motion(motion: Floats, covariance: Floats, step: int) -> list[str]:
 
 
 def mahalanobis(v: Floats, S: Floats) -> Floats:
-    """Squared distances (K,) of innovations (K, 2) by their covariances (K, 2, 2); of one that is none, infinity."""
+    """Squared Mahalanobis distances (K,) of innovations (K, 2) by covariances (K, 2, 2); infinite where that is none."""
     determinant = S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] * S[:, 1, 0]
     squared = S[:, 1, 1] * v[:, 0] ** 2 - 2 * S[:, 0, 1] * v[:, 0] * v[:, 1] + S[:, 0, 0] * v[:, 1] ** 2
     positive = (determinant > 0) & (S[:, 0, 0] > 0)
     return np.asarray(np.divide(squared, determinant, out=np.full(len(v), np.inf), where=positive))
 
 
-def turn(angle_rad: float) -> Floats:
-    """The matrix (3, 3) that turns x and y and leaves a heading."""
+def planar_rotation(angle_rad: float) -> Floats:
+    """The matrix (3, 3) that rotates x and y and leaves a heading."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])

@@ -16,7 +16,7 @@ from omnilab.posegraph.graph import between, chi2, edge_chi2, is_loop, matrices,
 from omnilab.testing import check_backend
 from omnilab_slam import GtsamBatch, GtsamGnc, GtsamIsam2
 from omnilab_slam.batch import Start
-from omnilab_slam.gauss_newton import jacobians, polish
+from omnilab_slam.gauss_newton import gauss_newton, jacobians
 from omnilab_slam.kernels import REDESCENDING, Kernel
 
 DATA = Path(__file__).parents[3].parent / "shared/data/pose_graphs"
@@ -158,8 +158,8 @@ def _nudged(T, node, axis, by):
 def test_damping_saves_the_last_steps_from_a_bad_start():
     graph, truth = square(noise=1e-3)
     bad = truth + np.random.default_rng(3).normal(0, 0.5, truth.shape) * (np.arange(len(truth)) > 0)[:, None]
-    steps = polish(graph, bad, np.ones_like, 100, 1e-12)
-    assert chi2(graph, steps.poses) == pytest.approx(GtsamBatch().optimize(graph).chi2, rel=1e-6)
+    found = gauss_newton(graph, bad, np.ones_like, 100, 1e-12)
+    assert chi2(graph, found.poses) == pytest.approx(GtsamBatch().optimize(graph).chi2, rel=1e-6)
 
 
 # ------------------------------------------------------------------------------------------------------------- outliers
@@ -211,7 +211,7 @@ def _rms(found, other):
 
 
 # ------------------------------------------------------------------------------------------------------------- mishaps
-def test_a_solver_that_fails_is_said_and_the_poses_stay(monkeypatch):
+def test_a_solver_that_fails_becomes_a_warning_and_the_poses_stay(monkeypatch):
     import gtsam
 
     graph, _ = square(laps=1)
@@ -228,7 +228,7 @@ def test_a_solver_that_fails_is_said_and_the_poses_stay(monkeypatch):
         assert found.chi2 <= found.chi2_before
 
 
-def test_a_solver_that_diverges_is_said_and_the_poses_stay(monkeypatch):
+def test_a_solver_that_diverges_becomes_a_warning_and_the_poses_stay(monkeypatch):
     import gtsam
 
     graph, _ = square(laps=1)
@@ -275,7 +275,7 @@ def test_lago_that_fails_is_one_sentence(monkeypatch):
         GtsamBatch(start=Start.lago).optimize(square(laps=1)[0])
 
 
-def test_last_steps_and_covariances_that_fail_are_said(monkeypatch):
+def test_last_steps_and_covariances_that_fail_are_warnings(monkeypatch):
     import gtsam
 
     from omnilab_slam import solvers
@@ -283,7 +283,7 @@ def test_last_steps_and_covariances_that_fail_are_said(monkeypatch):
     def fail(*arguments):
         raise RuntimeError("Factor is exactly singular")
 
-    monkeypatch.setattr(solvers, "polish", fail)
+    monkeypatch.setattr(solvers, "gauss_newton", fail)
     monkeypatch.setattr(gtsam, "Marginals", fail)
     graph, _ = square(laps=1)
     found = GtsamBatch().optimize(graph, covariances=True)
@@ -293,7 +293,7 @@ def test_last_steps_and_covariances_that_fail_are_said(monkeypatch):
     assert "no covariances" in GtsamIsam2().optimize(graph, covariances=True).warnings[0]
 
 
-def test_too_few_iterations_are_said():
+def test_too_few_iterations_are_a_warning():
     graph = with_wrong_loops(square()[0], 5)
     assert "max_iterations=1" in GtsamBatch(max_iterations=1).optimize(graph).warnings[0]
 

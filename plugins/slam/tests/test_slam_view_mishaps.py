@@ -1,4 +1,4 @@
-"""Mishaps of the view filters: what cannot be used is refused or said with its step, and costs no more."""
+"""Mishaps of the view filters: what cannot be used is refused or becomes a warning with its step, and costs no more."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_a_view_that_is_nowhere_is_refused(view_filter):
 
 
 @FILTERS
-def test_what_cannot_be_used_is_said_with_its_step_and_costs_no_more(view_filter):
+def test_what_cannot_be_used_becomes_a_warning_with_its_step_and_costs_no_more(view_filter):
     found = view_filter.begin(np.zeros(3), 1e-6 * np.eye(3))
     found.add_view()
     assert not found.predict(np.array([1.0, 0, 0]), Q)
@@ -33,10 +33,10 @@ def test_what_cannot_be_used_is_said_with_its_step_and_costs_no_more(view_filter
     assert "step 3: the motion's covariance is not positive definite" in found.predict(np.ones(3), -np.eye(3))[0]
     assert np.allclose(found.pose()[0], [1, 0, 0], atol=1e-9)
     good, bad = np.array([np.pi, 0.0]), np.array([np.nan, 0])
-    believed, said = found.observe(np.array([0, 0, 0]), np.array([good, bad, good]), np.array([R, R, -R]))
+    believed, warnings = found.observe(np.array([0, 0, 0]), np.array([good, bad, good]), np.array([R, R, -R]))
     assert believed.tolist() == [True, False, False]
-    assert "no numbers" in said[0]
-    assert "step 3: view 0 has a covariance that is not positive definite" in said[1]
+    assert "no numbers" in warnings[0]
+    assert "step 3: view 0 has a covariance that is not positive definite" in warnings[1]
     assert found.finish().shape == (4, 3)
 
 
@@ -44,9 +44,9 @@ def test_what_cannot_be_used_is_said_with_its_step_and_costs_no_more(view_filter
 def test_a_view_that_is_too_near_has_no_bearing(view_filter):
     found = view_filter.begin(np.zeros(3), 1e-6 * np.eye(3))
     found.add_view()
-    believed, said = found.observe(np.array([0]), np.zeros((1, 2)), R[None])
+    believed, warnings = found.observe(np.array([0]), np.zeros((1, 2)), R[None])
     assert not believed.any()
-    assert not said
+    assert not warnings
 
 
 @FILTERS
@@ -61,16 +61,16 @@ def test_standing_still_is_a_motion(view_filter):
     assert found.observe(np.array([0]), np.array([[np.pi, 0.0]]), R[None])[0].all()
 
 
-def test_a_covariance_that_has_gone_bad_is_said():
+def test_a_covariance_that_has_gone_bad_becomes_a_warning():
     found = ViewEkf().begin(np.zeros(3), 1e-6 * np.eye(3))
     found.add_view()
     found.predict(np.array([2.0, 0, 0]), Q)
     found._cov[0, 0] = -1.0
     found._cov[1, 1] = 1e-3
     before = found._state.copy()
-    believed, said = found.observe(np.array([0]), np.array([[np.pi, 0.0]]), R[None])
+    believed, warnings = found.observe(np.array([0]), np.array([[np.pi, 0.0]]), R[None])
     assert not believed.any()
-    assert "step 1: the covariance is not positive definite" in said[0]
+    assert "step 1: the covariance is not positive definite" in warnings[0]
     assert np.array_equal(found._state, before)
 
 

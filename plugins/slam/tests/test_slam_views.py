@@ -12,8 +12,8 @@ from omnilab.geometry import wrap_angle
 from omnilab.posegraph.graph import between
 from omnilab.testing import check_view_filter
 from omnilab_slam import ViewEkf, ViewGraph
-from omnilab_slam.view_factor import own_angles
-from omnilab_slam.view_model import mahalanobis, see, turn
+from omnilab_slam.view_factor import angles_in_own_frames
+from omnilab_slam.view_model import mahalanobis, planar_rotation, predict_angles
 
 Q = np.diag([0.02, 0.01, 0.01]) ** 2
 R = np.array([[0.01, 0.003], [0.003, 0.02]])
@@ -75,7 +75,7 @@ class Naive:
 
 
 def drive(found, steps, rng, views_every=6, nearest=1.0, noise=0.05, extra=(), known=()):
-    """A noisy way round a circle; every map in `extra` is told the same. Views at the poses `known` are from before."""
+    """A noisy drive round a circle; every map in `extra` gets the same. Views at the poses `known` are from before."""
     angle = 2 * np.pi * np.arange(steps + 1) / 40
     truth = np.column_stack([4 * np.cos(angle), 4 * np.sin(angle), wrap_angle(angle + np.pi / 2)])
     motions = between(truth, np.column_stack([np.arange(steps), np.arange(1, steps + 1)]))
@@ -119,10 +119,10 @@ KNOWN = np.array([[5.5, 1.0, 2.0], [-1.0, 5.0, -3.0], [-5.0, -3.0, 0.5]])
 
 
 def knowing(view_filters, spread, rng):
-    """Maps with views from before, which are not quite where they are said to be."""
-    said = KNOWN + rng.standard_normal(KNOWN.shape) @ np.linalg.cholesky(spread).T
+    """Maps with views from before, at poses that are not quite the true ones."""
+    given = KNOWN + rng.standard_normal(KNOWN.shape) @ np.linalg.cholesky(spread).T
     for one in view_filters:
-        for pose in said:
+        for pose in given:
             one.know_view(pose, spread)
 
 
@@ -171,7 +171,7 @@ def test_both_filters_agree_where_all_is_nearly_linear():
 
 
 def test_a_new_view_moves_with_the_robot():
-    """Fully correlated: what tells where an old view is tells as much about one that was taken this moment."""
+    """Fully correlated: what corrects an old view corrects one that was taken this moment as much."""
     found = ViewEkf().begin(np.zeros(3), 1e-6 * np.eye(3))
     found.add_view()
     for _ in range(5):
@@ -193,10 +193,10 @@ def test_derivatives_are_the_numeric_ones(robot, view):
     robot, view = np.array(robot), np.array(view)
     if np.hypot(*(view - robot)[:2]) < 0.2 or abs(np.arctan2(*(view - robot)[1::-1])) > 3.14:
         return  # the angle jumps there
-    seen = see(robot, view[None])
-    assert np.allclose(seen.angles_rad[0], angles_of(robot, view))
-    assert np.allclose(seen.by_robot[0], numeric(lambda x: angles_of(x, view), robot), atol=1e-6)
-    assert np.allclose(seen.by_view[0], numeric(lambda x: angles_of(robot, x), view), atol=1e-6)
+    predicted = predict_angles(robot, view[None])
+    assert np.allclose(predicted.angles_rad[0], angles_of(robot, view))
+    assert np.allclose(predicted.J_robot[0], numeric(lambda x: angles_of(x, view), robot), atol=1e-6)
+    assert np.allclose(predicted.J_view[0], numeric(lambda x: angles_of(robot, x), view), atol=1e-6)
 
 
 def test_the_factor_s_derivatives_are_by_moves_in_each_pose_s_own_frame():
@@ -207,7 +207,7 @@ def test_the_factor_s_derivatives_are_by_moves_in_each_pose_s_own_frame():
         a, b = gtsam.Pose2(*rng.uniform(-2, 2, 3)), gtsam.Pose2(*rng.uniform(3, 5, 3))
 
         def rows(a, b, nearest_m=nearest_m):
-            return own_angles(a.x(), a.y(), a.theta(), b.x(), b.y(), b.theta(), nearest_m)
+            return angles_in_own_frames(a.x(), a.y(), a.theta(), b.x(), b.y(), b.theta(), nearest_m)
 
         (_, _, short), by_a, by_b = rows(a, b)
         assert short == pytest.approx(max(0, nearest_m - np.hypot(b.x() - a.x(), b.y() - a.y())))
@@ -242,14 +242,14 @@ def test_what_the_graph_predicts_is_its_marginals_propagated():
     found = ViewGraph().begin(np.array([4.0, 0, np.pi / 2]), 1e-4 * np.eye(3))
     drive(found, 40, np.random.default_rng(3), noise=0.01)
     nodes = found._views[1:4][::-1]
-    robot, views = found._at(found._step), np.array([found._at(node) for node in nodes])
-    S = found._spread(nodes, see(robot, views))
-    marginals = gtsam.Marginals(found._kept, found._tree.calculateEstimate())
+    robot, views = found._pose(found._step), np.array([found._pose(node) for node in nodes])
+    S = found._predicted_covariances(nodes, predict_angles(robot, views))
+    marginals = gtsam.Marginals(found._factors, found._tree.calculateEstimate())
     for k, node in enumerate(nodes):
         joint = marginals.jointMarginalCovariance([found._step, node])
         both = [(i, j) for i in (found._step, node) for j in (found._step, node)]
         P = np.block([[joint.at(*both[0]), joint.at(*both[1])], [joint.at(*both[2]), joint.at(*both[3])]])
-        _, A, B = own_angles(*robot, *views[k], 0.2)
+        _, A, B = angles_in_own_frames(*robot, *views[k], 0.2)
         H = np.hstack([A[:2], B[:2]])
         assert np.allclose(S[k], H @ P @ H.T, rtol=2e-2, atol=1e-6)
 
@@ -262,8 +262,8 @@ def test_mahalanobis_is_that_of_an_inverse():
     assert np.isinf(mahalanobis(v[:1], -S[:1]))[0]
 
 
-def test_a_turn_leaves_headings():
-    assert np.allclose(turn(np.pi / 2) @ [1, 0, 5], [0, 1, 5])
+def test_a_planar_rotation_leaves_headings():
+    assert np.allclose(planar_rotation(np.pi / 2) @ [1, 0, 5], [0, 1, 5])
 
 
 # ------------------------------------------------------------------------------------------------------------- gating
@@ -283,9 +283,9 @@ def test_wrong_associations_are_gated_and_cost_nothing(view_filter):
     angles = np.array(
         [angles_of(pose, views[2]) + np.array([1.2, 0]), angles_of(pose, views[5]), angles_of(pose, views[3]) - [0, 1]]
     )
-    believed, said = found.observe(np.array([2, 5, 3]), angles, np.tile(1e-2 * np.eye(2), (3, 1, 1)))
+    believed, warnings = found.observe(np.array([2, 5, 3]), angles, np.tile(1e-2 * np.eye(2), (3, 1, 1)))
     assert believed.tolist() == [False, True, False]
-    assert not said
+    assert not warnings
     assert np.allclose(found.pose()[0], pose, atol=0.02)
     assert np.trace(found.pose()[1]) < np.trace(spread)
 
@@ -302,7 +302,7 @@ def test_angles_may_be_given_in_any_turn(view_filter):
 
 
 # ------------------------------------------------------------------------------------------------- an update that fails
-def test_an_update_of_the_graph_that_fails_is_said_and_the_map_goes_on(monkeypatch):
+def test_an_update_of_the_graph_that_fails_becomes_a_warning_and_the_map_goes_on(monkeypatch):
     found = ViewGraph().begin(np.array([4.0, 0, np.pi / 2]), 1e-6 * np.eye(3))
     drive(found, 20, np.random.default_rng(7))
     usual, calls = found._update, []
@@ -315,13 +315,13 @@ def test_an_update_of_the_graph_that_fails_is_said_and_the_map_goes_on(monkeypat
 
     before = found.pose()[0]
     monkeypatch.setattr(found, "_update", fail_once)
-    said = found.predict(np.array([0.5, 0, 0]), Q)
-    assert "step 21: the motion could not be added" in said[0]
+    warnings = found.predict(np.array([0.5, 0, 0]), Q)
+    assert "step 21: the motion could not be added" in warnings[0]
     assert np.allclose(np.hypot(*(found.pose()[0] - before)[:2]), 0.5, atol=0.05)
     calls.clear()
     angles = angles_of(found.pose()[0], found.views()[0])
-    believed, said = found.observe(np.array([0]), angles[None], R[None])
+    believed, warnings = found.observe(np.array([0]), angles[None], R[None])
     assert not believed.any()
-    assert "step 21: the observations could not be added" in said[0]
+    assert "step 21: the observations could not be added" in warnings[0]
     assert found.observe(np.array([0]), angles[None], R[None])[0].all()
     assert found.finish().shape == (22, 3)

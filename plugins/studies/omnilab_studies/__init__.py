@@ -19,7 +19,7 @@ from omnilab_studies.localization.localize.study import Localize
 from omnilab_studies.localization.map.study import MapStudy
 from omnilab_studies.localization.steps.study import Steps
 from omnilab_studies.pose_graph.study import PoseGraphStudy
-from omnilab_studies.trajectory.study import Trajectory
+from omnilab_studies.trajectory.study import TrajectoryStudy
 from omnilab_studies.view_slam.study import ViewSlam
 from omnilab_studies.view_slam.view_count.study import ViewCount
 from omnilab_studies.view_slam.view_range.study import ViewRange
@@ -42,7 +42,7 @@ __all__ = [
     "Room",
     "Steps",
     "TopologicalMap",
-    "Trajectory",
+    "TrajectoryStudy",
     "ViewCount",
     "ViewRange",
     "ViewSlam",
@@ -70,7 +70,7 @@ def register_studies(register: Register) -> None:
     register("altitude", Altitude)
     register("joint", Joint)
     register("pose_graph", PoseGraphStudy)
-    register("trajectory", Trajectory)
+    register("trajectory", TrajectoryStudy)
     register("view_range", ViewRange)
     register("view_count", ViewCount)
     register("view_slam", ViewSlam)

@@ -1,4 +1,4 @@
-"""What the study of trajectories is made of: unknown scales, poses moved along the way, pictures of motions."""
+"""What the study of trajectories is made of: unknown scales, poses moved along the path, pictures of matches."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_without_unknown_factors_the_graph_is_optimised_once(plain):
 
 @settings(max_examples=30, deadline=None)
 @given(share=st.floats(0, 0.49), seed=st.integers(0, 1000))
-def test_jittered_poses_stay_on_the_way_and_in_order(share, seed):
+def test_jittered_poses_stay_on_the_path_and_in_order(share, seed):
     shift = np.random.default_rng(seed).uniform(-share, share, 9)
     straight = planar_poses(np.column_stack([np.arange(9.0), np.zeros(9), np.ones(9)]), 0.5 * np.arange(9.0))
     moved_on = jittered(straight, shift)
@@ -56,17 +56,17 @@ def test_jittered_poses_stay_on_the_way_and_in_order(share, seed):
     assert np.unwrap(heading_of(moved_on)) == pytest.approx(0.5 * at)  # across half a turn, too
 
 
-def test_matches_are_drawn_from_where_a_mere_turn_would_leave_them():
+def test_matches_are_drawn_from_where_a_mere_rotation_would_leave_them():
     black = Frames(np.zeros((1, 16, 16), np.uint8), ["a"], np.zeros(1, int), CAMERA, np.zeros(1, int))
-    turn = 0.3
-    stays = np.array([[[1.0, 0.5], [1.0 - turn, 0.5]], [[2.0, 0.5], [2.2 - turn, 0.5]]])
-    motion = Motion(np.array([1, 0, turn]), np.eye(3), "m", "", stays, np.array([True, False]))
+    rotation = 0.3
+    stays = np.array([[[1.0, 0.5], [1.0 - rotation, 0.5]], [[2.0, 0.5], [2.2 - rotation, 0.5]]])
+    motion = Motion(np.array([1, 0, rotation]), np.eye(3), "m", "", stays, np.array([True, False]))
     picture = draw_matches(black, motion)
     red, green = (picture[:, :, channel].astype(int) for channel in (0, 1))
     good, bad = ((one - other > 60).any(axis=0) for one, other in ((green, red), (red, green)))
     assert np.ptp(np.flatnonzero(good)) <= 6  # no more than its dot
     assert np.ptp(np.flatnonzero(bad)) == pytest.approx(0.2 / (2 * np.pi) * picture.shape[1], abs=4)
-    column = picture.shape[1] - 1 - (1.0 - turn) / (2 * np.pi) * picture.shape[1]
+    column = picture.shape[1] - 1 - (1.0 - rotation) / (2 * np.pi) * picture.shape[1]
     assert np.flatnonzero(good).mean() == pytest.approx(column, abs=1.5)  # azimuth falls to the right
 
 

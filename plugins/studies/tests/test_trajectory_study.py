@@ -20,7 +20,6 @@ from omnilab.api import (
     PathPoses,
     Plan,
     Pose,
-    Text,
     Unusable,
 )
 from omnilab.cameras import ImageCircle
@@ -31,10 +30,10 @@ from omnilab.posegraph.graph import inverse, matrices, vectors
 from omnilab.runner.recorder import Recorder
 from omnilab.testing import check_study
 from omnilab.trajectory.files import read_trajectory
-from omnilab_studies import Trajectory
+from omnilab_studies import TrajectoryStudy
 from omnilab_studies.common.pose_sources import Source
-from omnilab_studies.trajectory.front_end import Mapper
-from omnilab_studies.trajectory.loop_evaluation import judge
+from omnilab_studies.trajectory.front_end import FrontEnd
+from omnilab_studies.trajectory.loop_evaluation import evaluate_loops
 
 CAMERA = ImageCircle(16, 16, Circle(7.5, 7.5, 8))
 LAP = 24
@@ -56,10 +55,10 @@ class Ring:
     black: list[int] = field(default_factory=list)
     stamps: list[int] | None = None
     known: bool = True
-    asked: list[Any] = field(default_factory=list)
+    requests: list[Any] = field(default_factory=list)
 
     def plan(self, layout):
-        self.asked.append(layout)
+        self.requests.append(layout)
         T = layout.T_world_camera if isinstance(layout, PathPoses) else lap(self.count)
         return Plan([f"{i}.png" for i in range(len(T))], T if self.known else None)
 
@@ -78,8 +77,8 @@ class Ring:
 
 
 @dataclass
-class Told:
-    """Tells the circle's true motions, lengths in its own unit, with noise by the seed."""
+class TrueOdometry:
+    """Estimates the circle's true motions, lengths in its own unit, with noise by the seed."""
 
     factor: float = 1.0
     unit: str = "m"
@@ -105,20 +104,20 @@ def true_motion(before, now):
 
 @dataclass
 class Everything:
-    """Recognises the places of the first lap in the second, and, if it is told, a wrong one."""
+    """Recognises the places of the first lap in the second, and wrong ones where these are given."""
 
     wrong: dict[int, int] = field(default_factory=dict)
 
     def begin(self):
-        return Seen(self)
+        return RevisitDatabase(self)
 
 
-class Seen:
+class RevisitDatabase:
     def __init__(self, settings):
         self.settings, self.count = settings, 0
         self.steps = []
 
-    def query(self, frames, look, step, rng):
+    def query(self, frames, features, step, rng):
         node, self.count = self.count, self.count + 1
         self.steps.append(step)
         nodes = [node - LAP] * (node >= LAP) + [old for new, old in self.settings.wrong.items() if new == node]
@@ -146,7 +145,12 @@ def parts(plain):
     """`parts(sensor=..., backend=...)`: plain parts, but for those that are given."""
 
     def parts(**changed):
-        ready = {"sensor": Ring(), "odometry": Told(), "loop_closure": Everything(), "backend": plain["Least"]()}
+        ready = {
+            "sensor": Ring(),
+            "odometry": TrueOdometry(),
+            "loop_closure": Everything(),
+            "backend": plain["Least"](),
+        }
         return Parts(**{**ready, **changed})
 
     return parts
@@ -157,7 +161,7 @@ def run(parts):
     """`run(study, record, seed=3, backend=...)`: the report of a study of plain parts."""
 
     def run(study=None, record=None, seed=3, **changed):
-        return (study or Trajectory()).run(parts(**changed), record or Recorder(), np.random.default_rng(seed))
+        return (study or TrajectoryStudy()).run(parts(**changed), record or Recorder(), np.random.default_rng(seed))
 
     return run
 
@@ -167,12 +171,12 @@ def values(report):
 
 
 def test_it_keeps_the_contract_of_studies(parts):
-    check_study(Trajectory(jitter=0.1), parts(odometry=Told(noise=0.02)))
+    check_study(TrajectoryStudy(jitter=0.1), parts(odometry=TrueOdometry(noise=0.02)))
 
 
-def test_true_motions_make_the_true_way_whatever_their_unit(run):
-    for told, scale in ((Told(), 1.0), (Told(2.5, "1"), 1 / 2.5)):
-        found = values(run(odometry=told))
+def test_true_motions_make_the_true_trajectory_whatever_their_unit(run):
+    for odometry, scale in ((TrueOdometry(), 1.0), (TrueOdometry(2.5, "1"), 1 / 2.5)):
+        found = values(run(odometry=odometry))
         assert found["ate"] == pytest.approx(0, abs=1e-6)
         assert found["odometry_ate"] == pytest.approx(0, abs=1e-6)
         assert found["scale"] == pytest.approx(scale, rel=1e-6)
@@ -184,17 +188,17 @@ def test_true_motions_make_the_true_way_whatever_their_unit(run):
 
 
 def test_loops_mend_what_odometry_spoils(run):
-    found = values(run(odometry=Told(noise=0.03)))
+    found = values(run(odometry=TrueOdometry(noise=0.03)))
     assert found["ate"] < found["odometry_ate"]
     assert found["online_ate"] <= found["odometry_ate"] * 1.01
 
 
-def test_a_mirrored_way_is_not_aligned(run):
+def test_a_mirrored_trajectory_is_not_aligned(run):
     @dataclass
-    class Mirrored(Told):
+    class Mirrored(TrueOdometry):
         def estimate(self, before, now, rng):
-            told = super().motion(before, now, rng)
-            return replace(told, vector=told.vector * [1, -1, -1])
+            motion = super().estimate(before, now, rng)
+            return replace(motion, vector=motion.vector * [1, -1, -1])
 
     assert values(run(odometry=Mirrored(), loop_closure=Everything()))["odometry_ate"] > 1
 
@@ -221,15 +225,15 @@ def test_black_images_anywhere_cost_no_map(sensor, run):
 
 
 def test_a_failed_step_is_bridged_by_the_last_one(run):
-    report = run(odometry=Told(fails=[7]))
+    report = run(odometry=TrueOdometry(fails=[7]))
     found, table = values(report), report.tables["steps"]
     assert (found["bridged_steps"], table["bridged"][7]) == (1, "nothing matches")
     assert found["ate"] < 0.25  # it went on ahead: the turn of one step is missing, until the loop is closed
     assert found["odometry_ate"] > found["ate"]
 
 
-def test_another_odometry_bridges_what_the_own_one_cannot_tell(run):
-    report = run(odometry=Told(2.0, "1", fails=[7, 8]), odometries={"wheels": Told()})
+def test_another_odometry_bridges_where_the_own_one_fails(run):
+    report = run(odometry=TrueOdometry(2.0, "1", fails=[7, 8]), odometries={"wheels": TrueOdometry()})
     found = values(report)
     assert found["bridged_steps"] == 2
     assert found["odometry_ate"] == pytest.approx(0, abs=1e-6)
@@ -242,7 +246,7 @@ def test_a_gap_in_time_is_bridged(run):
     why = report.tables["steps"]["bridged"]
     assert [i for i, reason in enumerate(why) if reason] == [13]
     assert "10 times the usual time" in why[13]
-    assert values(report)["ate"] < 0.05  # what was told is the guess
+    assert values(report)["ate"] < 0.05  # the estimate is the guess
 
 
 def test_images_out_of_time_order_are_refused(run):
@@ -269,7 +273,7 @@ def test_a_backend_that_takes_no_poses_as_they_come_is_refused(run):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "warnings"),
+    ("wrong", "message"),
     [
         ({"images": Source.grid}, "makes no trajectory"),
         ({"jitter": 0.5}, "change the order"),
@@ -278,33 +282,33 @@ def test_a_backend_that_takes_no_poses_as_they_come_is_refused(run):
         ({"show": 0}, "shows nothing"),
     ],
 )
-def test_settings_that_mean_nothing_are_refused(wrong, said):
-    with pytest.raises(ConfigError, match=said):
-        Trajectory(**wrong)
+def test_settings_that_mean_nothing_are_refused(wrong, message):
+    with pytest.raises(ConfigError, match=message):
+        TrajectoryStudy(**wrong)
 
 
 def test_recorded_images_without_poses_are_mapped_and_not_measured(run):
-    report = run(Trajectory(images=Source.recorded), sensor=Ring(known=False))
+    report = run(TrajectoryStudy(images=Source.recorded), sensor=Ring(known=False))
     found = values(report)
     assert (found["images"], found["closures"]) == (LAP + 2, 2)
     assert "ate" not in found
     assert "errors" not in report.figures
     assert "truth.tum" not in report.files
     with pytest.raises(ConfigError, match="would move recorded images"):
-        run(Trajectory(images=Source.recorded, jitter=0.1), sensor=Ring())
+        run(TrajectoryStudy(images=Source.recorded, jitter=0.1), sensor=Ring())
 
 
-def test_the_way_comes_from_a_name_or_from_a_file(tmp_path, run):
+def test_the_path_comes_from_a_name_or_from_a_file(tmp_path, run):
     sensor = Ring()
-    run(Trajectory(path="route", height_m=0.5), sensor=sensor)
-    assert sensor.asked == [NamedPath("route", 0.5)]
-    (tmp_path / "way.csv").write_text("x_m,y_m,z_m\n" + "".join(f"{i},0,1\n" for i in range(5)))
-    report = run(Trajectory(path=str(tmp_path / "way.csv")), sensor=Ring())
+    run(TrajectoryStudy(path="route", height_m=0.5), sensor=sensor)
+    assert sensor.requests == [NamedPath("route", 0.5)]
+    (tmp_path / "path.csv").write_text("x_m,y_m,z_m\n" + "".join(f"{i},0,1\n" for i in range(5)))
+    report = run(TrajectoryStudy(path=str(tmp_path / "path.csv")), sensor=Ring())
     assert values(report)["images"] == 5
 
 
 def test_the_files_read_back_as_the_trajectories_and_the_graph(tmp_path, run):
-    report = run(odometry=Told(2.0, "1", noise=0.02), odometries={"wheels": Told(noise=0.01)})
+    report = run(odometry=TrueOdometry(2.0, "1", noise=0.02), odometries={"wheels": TrueOdometry(noise=0.01)})
     for name, text in report.files.items():
         (tmp_path / name).write_text(text)
     table = report.tables["steps"]
@@ -324,16 +328,16 @@ def test_the_files_read_back_as_the_trajectories_and_the_graph(tmp_path, run):
 
 def test_closures_flash_and_the_robot_moves_over_the_truth(run):
     record = Watching()
-    run(record=record, odometry=Told(3.0, "1"))
+    report = run(record=record, odometry=TrueOdometry(3.0, "1"))
     flashes = [(tick.step, len(r.edges)) for r, tick in record.of("closures")]
     assert flashes == [(LAP, 1), (LAP + 1, 1)]
     robot = np.array([r.T_world_camera for r, _ in record.of("robot") if isinstance(r, Pose)])
-    assert robot[:, :3, 3] == pytest.approx(lap()[:, :3, 3], abs=1e-6)  # scaled as the true way says
+    assert robot[:, :3, 3] == pytest.approx(lap()[:, :3, 3], abs=1e-6)  # scaled by the length of the true path
     (last,) = [r for r, _ in record.of("final/final")]
     assert isinstance(last, Graph)
     assert last.position_m == pytest.approx(lap()[:, :3, 3], abs=1e-5)
     assert all(isinstance(r, Image) for r, _ in record.of("query/panorama"))
-    assert sum(isinstance(r, Text) and r.markdown for r, _ in record.of("summary")) == 1
+    assert report.summary.startswith("## Trajectory")
 
 
 def test_a_backend_of_its_own_may_reject_wrong_closures(run, plain):
@@ -347,26 +351,28 @@ def test_a_backend_of_its_own_may_reject_wrong_closures(run, plain):
 
 
 # ------------------------------------------------------------------------------------------------------------ its parts
-def test_the_mapper_tells_closures_the_usual_step_in_the_own_unit(plain):
-    sensor, memory = Ring(), Everything().begin()
-    mapper = Mapper([Told(3.0, "1"), Told()], memory, plain["Chain"]([np.zeros(3)]), Recorder(), gap=3)
+def test_the_place_database_is_given_the_usual_step_in_the_own_unit(plain):
+    sensor, database = Ring(), Everything().begin()
+    front_end = FrontEnd(
+        [TrueOdometry(3.0, "1"), TrueOdometry()], database, plain["Chain"]([np.zeros(3)]), Recorder(), gap=3
+    )
     for frames in sensor.frames(sensor.plan(NamedPath(""))):
         for i in range(len(frames)):
-            mapper.take(frames.at(i), np.random.default_rng(0))
+            front_end.process(frames.at(i), np.random.default_rng(0))
     step = 2 * 2 * np.sin(np.pi / LAP)
-    assert memory.steps[-1] == pytest.approx(3 * step)
-    assert (mapper.unit, mapper.factors[0]) == ("m", pytest.approx(1 / 3))
-    assert set(mapper.groups.tolist()) == {0, -1}
-    assert matrices(mapper.poses())[:, :3] == pytest.approx((inverse(lap()[0]) @ lap())[:, :3], abs=1e-9)
+    assert database.steps[-1] == pytest.approx(3 * step)
+    assert (front_end.unit, front_end.factors[0]) == ("m", pytest.approx(1 / 3))
+    assert set(front_end.groups.tolist()) == {0, -1}
+    assert matrices(front_end.poses())[:, :3] == pytest.approx((inverse(lap()[0]) @ lap())[:, :3], abs=1e-9)
 
 
-def test_closures_are_judged_by_where_images_were_taken():
+def test_closures_are_loops_by_where_images_were_taken():
     truth = lap()
-    judged = judge(np.array([[0, LAP], [3, 15], [2, 1 + LAP]]), truth, same_place_m=0.6)
-    assert judged.right.tolist() == [True, False, True]
-    assert judged.again.sum() == 2 + 1  # the last of the first lap is near its first, too
-    assert judged.precision == pytest.approx(2 / 3)
-    assert judged.recall(np.array([[0, LAP], [3, 15], [2, 1 + LAP]])) == pytest.approx(2 / 3)
-    nothing = judge(np.zeros((0, 2), int), truth, None)
+    loops = evaluate_loops(np.array([[0, LAP], [3, 15], [2, 1 + LAP]]), truth, same_place_m=0.6)
+    assert loops.right.tolist() == [True, False, True]
+    assert loops.revisited.sum() == 2 + 1  # the last of the first lap is near its first, too
+    assert loops.precision == pytest.approx(2 / 3)
+    assert loops.recall(np.array([[0, LAP], [3, 15], [2, 1 + LAP]])) == pytest.approx(2 / 3)
+    nothing = evaluate_loops(np.zeros((0, 2), int), truth, None)
     assert np.isnan(nothing.precision)
     assert nothing.recall(np.zeros((0, 2), int)) == 0

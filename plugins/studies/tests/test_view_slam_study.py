@@ -1,4 +1,4 @@
-"""The study of maps of views from images, on plain parts: which views are seen, when one is taken, what is told."""
+"""The study of maps of views from images, on plain parts: which views are observed, when one is taken, warnings."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from omnilab.testing import check_study
 from omnilab_studies import ViewSlam
 from omnilab_studies.common.match_images import draw_image_pair
 from omnilab_studies.common.pose_sources import Source
-from omnilab_studies.view_slam.front_end import Association, ViewMapper, angles_of, similarity
+from omnilab_studies.view_slam.front_end import AssociationSettings, ViewMapper, angles_of, similarity
 from omnilab_studies.view_slam.study import spaced
 
 CAMERA = ImageCircle(16, 16, Circle(7.5, 7.5, 8))
 
 
-def way(count: int = 40, radius: float = 1.0):
+def ring(count: int = 40, radius: float = 1.0):
     angle = np.linspace(0, 2 * np.pi, count)
     at = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.ones(count)])
     return planar_poses(at, wrap_angle(angle + np.pi / 2))
@@ -42,11 +42,11 @@ class Ring:
     known: bool = True
     count: int = 40
     camera: ImageCircle = CAMERA
-    asked: list[Any] = field(default_factory=list)
+    requests: list[Any] = field(default_factory=list)
 
     def plan(self, layout):
-        self.asked.append(layout)
-        T = layout.T_world_camera if isinstance(layout, PathPoses) else way()[: self.count]
+        self.requests.append(layout)
+        T = layout.T_world_camera if isinstance(layout, PathPoses) else ring()[: self.count]
         return Plan([str(i) for i in range(len(T))], T if self.known else None)
 
     def frames(self, plan):
@@ -93,7 +93,7 @@ class Seeing(Exact):
 
 @dataclass
 class Believing:
-    """Believes odometry alone, and keeps what it was told."""
+    """Believes odometry alone, and keeps the covariances of known views."""
 
     def __post_init__(self):
         self.begun = []
@@ -105,29 +105,29 @@ class Believing:
 
 class Belief:
     def __init__(self, pose):
-        self.way, self.taken, self.seen, self.told = [pose], [], [], []
+        self.trajectory, self.taken, self.seen, self.known = [pose], [], [], []
 
     def predict(self, motion, covariance):
         assert np.linalg.eigvalsh(covariance)[0] > 0
-        self.way.append(moved(self.way[-1], motion))
+        self.trajectory.append(moved(self.trajectory[-1], motion))
         return []
 
     def observe(self, views, angles_rad, covariances):
         assert angles_rad.shape == (len(views), 2)
-        self.seen += [(self.taken[v], self.way[-1], angles) for v, angles in zip(views, angles_rad, strict=True)]
-        return np.arange(len(views)) > 0, ["one too many"] if len(self.way) == 3 else []
+        self.seen += [(self.taken[v], self.trajectory[-1], angles) for v, angles in zip(views, angles_rad, strict=True)]
+        return np.arange(len(views)) > 0, ["one too many"] if len(self.trajectory) == 3 else []
 
     def add_view(self):
-        self.taken.append(self.way[-1])
+        self.taken.append(self.trajectory[-1])
         return len(self.taken) - 1
 
     def know_view(self, pose, covariance):
-        self.told.append(covariance)
+        self.known.append(covariance)
         self.taken.append(pose)
         return len(self.taken) - 1
 
     def pose(self):
-        return self.way[-1], 1e-4 * np.eye(3)
+        return self.trajectory[-1], 1e-4 * np.eye(3)
 
     def views(self):
         return np.array(self.taken).reshape(-1, 3)
@@ -136,7 +136,7 @@ class Belief:
         return np.tile(1e-4 * np.eye(3), (len(self.taken), 1, 1))
 
     def finish(self):
-        return np.array(self.way)
+        return np.array(self.trajectory)
 
 
 def parts(**changed):
@@ -165,7 +165,7 @@ def test_it_keeps_the_contract_of_studies():
 
 
 def test_views_are_taken_where_nothing_is_like_them_and_seen_from_near_by():
-    found = values(run(ViewSlam(every_m=0.1, every_rad=0.5, views=Association(similarity=0.5, range_m=1.2))))
+    found = values(run(ViewSlam(every_m=0.1, every_rad=0.5, views=AssociationSettings(similarity=0.5, range_m=1.2))))
     # half of the matches agree up to ln 2 m, which the next image, up to 0.1 m later, exceeds
     assert found["belief_views"] == pytest.approx(2 * np.pi / (np.log(2) + 0.1), abs=1)
     assert found["belief_observed"] > 50
@@ -176,16 +176,16 @@ def test_views_are_taken_where_nothing_is_like_them_and_seen_from_near_by():
 
 def test_what_is_observed_are_the_true_angles():
     rng = np.random.default_rng(0)
-    truth, sensor = way(), Ring()
+    truth, sensor = ring(), Ring()
     (frames,) = [f for f in sensor.frames(sensor.plan(RecordedPoses())) if f.plan_index[0] == 0]
-    looks = Seeing().extract(frames)
-    relate = lambda i, j: Seeing().motion(looks[i], looks[j], rng)
+    features = Seeing().extract(frames)
+    relative_pose = lambda i, j: Seeing().estimate(features[i], features[j], rng)
     start = vectors(truth[:1], planar=True)[0]
-    mapper = ViewMapper(Believing(), Association(nearest_m=0.0, similarity=0.9), relate, start)
-    mapper.take(0, looks[0], None, None)
+    mapper = ViewMapper(Believing(), AssociationSettings(nearest_m=0.0, similarity=0.9), relative_pose, start)
+    mapper.process(0, features[0], None, None)
     for i in range(1, 9):
         step = vectors((inverse(truth[i - 1]) @ truth[i])[None], planar=True)[0]
-        mapper.take(i, looks[i], step, np.eye(3))
+        mapper.process(i, features[i], step, np.eye(3))
     assert len(mapper.map.seen) > 5
     for view, robot, (bearing, turn) in mapper.map.seen:
         assert wrap_angle(bearing - np.arctan2(*(view - robot)[1::-1]) + robot[2]) == pytest.approx(0, abs=1e-9)
@@ -210,7 +210,7 @@ def test_similarity_is_that_of_the_print():
     assert similarity(Motion(np.zeros(3), np.eye(3), "m")) == 0
 
 
-def test_black_images_and_lost_odometry_are_told_and_cost_no_more():
+def test_black_images_and_lost_odometry_are_warnings_and_cost_no_more():
     lines = []
 
     class Watching(Recorder):
@@ -235,8 +235,8 @@ def test_views_from_before_are_seen_and_none_is_taken_beside_them():
     assert found["belief_views"] == 0
     assert found["belief_observed"] > 50
     belief = view_filter.begun[-1]
-    assert np.allclose(belief.views(), np.delete(vectors(way(), planar=True), 5, axis=0))
-    assert np.allclose(belief.told[0], np.diag([0.05, 0.05, np.deg2rad(1)]) ** 2)
+    assert np.allclose(belief.views(), np.delete(vectors(ring(), planar=True), 5, axis=0))
+    assert np.allclose(belief.known[0], np.diag([0.05, 0.05, np.deg2rad(1)]) ** 2)
 
 
 def test_views_of_another_camera_are_refused():
@@ -248,7 +248,7 @@ def test_views_of_another_camera_are_refused():
 def test_views_from_before_without_poses_or_under_another_name_are_refused():
     with pytest.raises(DataError, match=r"sensors\.known have no poses"):
         run(sensors={"known": Ring(known=False)})
-    with pytest.raises(ConfigError, match=r"sensors\.knwon is not asked"):
+    with pytest.raises(ConfigError, match=r"sensors\.knwon is not used"):
         run(sensors={"knwon": Ring()})
 
 
@@ -269,7 +269,7 @@ def test_kept_views_are_a_data_set_of_images_and_mapped_poses(tmp_path):
         run(study, view_filters={"belief": Believing()}, odometry=Exact(noise=0.02))
 
 
-def test_files_and_tables_hold_every_way():
+def test_files_and_tables_hold_every_trajectory():
     report = run()
     count = values(report)["images"]
     assert {f"{name}.tum" for name in ("odometry", "truth", "belief", "belief_final")} == set(report.files)
@@ -279,14 +279,14 @@ def test_files_and_tables_hold_every_way():
 
 
 @pytest.mark.parametrize(
-    ("changed", "warnings"),
+    ("changed", "message"),
     [
         ({"odometries": {}}, "odometries.views=planar_epipolar"),
         ({"view_filters": {}}, "needs view filters"),
     ],
 )
-def test_parts_that_are_missing_are_named(changed, said):
-    with pytest.raises(ConfigError, match=said):
+def test_parts_that_are_missing_are_named(changed, message):
+    with pytest.raises(ConfigError, match=message):
         run(**changed)
 
 
@@ -310,14 +310,14 @@ def test_settings_that_mean_nothing_are_refused(wrong):
 )
 def test_associations_that_see_nothing_are_refused(wrong):
     with pytest.raises(ConfigError, match=r"study\.views\."):
-        Association(**wrong)
+        AssociationSettings(**wrong)
 
 
-def test_the_way_of_the_world_is_asked_for_by_name_and_spaced():
+def test_the_path_of_the_world_is_requested_by_name_and_spaced():
     sensor = Ring()
     run(ViewSlam(path="around", height_m=0.7, every_m=0.2, every_rad=0.1), sensor=sensor)
-    assert sensor.asked[0] == NamedPath("around", 0.7)
-    placed = sensor.asked[1].T_world_camera
+    assert sensor.requests[0] == NamedPath("around", 0.7)
+    placed = sensor.requests[1].T_world_camera
     turned = np.abs(wrap_angle(np.diff(heading_of(placed))))
     assert turned == pytest.approx(0.1, abs=0.01)  # it turns 0.1 before it has gone 0.2 m
     straight = planar_poses(np.column_stack([np.arange(5.0), np.zeros(5), np.ones(5)]))
@@ -328,8 +328,8 @@ def test_the_way_of_the_world_is_asked_for_by_name_and_spaced():
 def test_two_panoramas_are_joined_where_matches_agree():
     grey = np.zeros((8, 64), np.uint8)
     matches = np.array([[[1.0, 0.5], [2.0, 0.5]], [[3.0, 0.5], [4.0, 0.5]]])
-    told = Motion(np.zeros(3), np.eye(3), "m", "", matches, np.array([True, False]))
-    picture = draw_image_pair(grey, grey, told)
+    motion = Motion(np.zeros(3), np.eye(3), "m", "", matches, np.array([True, False]))
+    picture = draw_image_pair(grey, grey, motion)
     assert picture.shape == (32, 128, 3)
     green, red = picture[:, :, 1].astype(int), picture[:, :, 0].astype(int)
     assert (green - red > 60).any(axis=1).sum() > 14  # a line from one to the other

@@ -17,8 +17,8 @@ from omnilab.testing import check_study
 from omnilab_studies import ViewCount, ViewRange
 from omnilab_studies.view_slam.consistency import chi2_quantile, ellipses, errors, nees, nees_bounds
 from omnilab_studies.view_slam.drives import Drives, line_of_sight
-from omnilab_studies.view_slam.filter_comparison import Ran, drives_of, row_of
-from omnilab_studies.view_slam.filter_runs import follow, position_rms, trace_nees
+from omnilab_studies.view_slam.filter_comparison import FilterRun, drives_of, row_of
+from omnilab_studies.view_slam.filter_runs import position_rms, run_filter, trace_nees
 from omnilab_studies.view_slam.scenarios import lap, scenario, shipped
 from omnilab_studies.view_slam.view_count.study import with_exponents
 
@@ -32,7 +32,7 @@ odometry: {along_m: 0.05, across_m: 0.02, heading_deg: 1, turn_deg: 2}
 
 @dataclass
 class DeadReckoning:
-    """Believes odometry alone; says so once, and doubts the views of even number."""
+    """Believes odometry alone; warns once, and gates the views of even number."""
 
     def begin(self, pose, covariance):
         return Believer(pose, covariance)
@@ -40,12 +40,12 @@ class DeadReckoning:
 
 class Believer:
     def __init__(self, pose, covariance):
-        self.way, self.taken, self.P = [pose], [], covariance
+        self.trajectory, self.taken, self.P = [pose], [], covariance
 
     def predict(self, motion, covariance):
-        self.way.append(moved(self.way[-1], motion))
+        self.trajectory.append(moved(self.trajectory[-1], motion))
         self.P = self.P + np.eye(3) * 1e-3
-        return ["off we go"] if len(self.way) == 2 else []
+        return ["off we go"] if len(self.trajectory) == 2 else []
 
     def observe(self, views, angles_rad, covariances):
         assert angles_rad.shape == (len(views), 2)
@@ -54,11 +54,11 @@ class Believer:
         return views % 2 == 1, []
 
     def add_view(self):
-        self.taken.append(self.way[-1])
+        self.taken.append(self.trajectory[-1])
         return len(self.taken) - 1
 
     def pose(self):
-        return self.way[-1], self.P
+        return self.trajectory[-1], self.P
 
     def views(self):
         return np.array(self.taken).reshape(-1, 3)
@@ -67,7 +67,7 @@ class Believer:
         return np.tile(self.P, (len(self.taken), 1, 1))
 
     def finish(self):
-        return np.array(self.way)
+        return np.array(self.trajectory)
 
 
 class Log(Recorder):
@@ -177,7 +177,7 @@ def test_mishaps_are_as_frequent_as_they_should_be(small):
 
 
 # ------------------------------------------------------------------------------------------------------------- scenarios
-def test_shipped_scenarios_are_sound_and_no_wall_is_on_the_way():
+def test_shipped_scenarios_are_sound_and_no_wall_is_on_the_path():
     assert set(shipped()) == {"open", "walls"}
     for name in shipped():
         ground = scenario(name)
@@ -243,11 +243,11 @@ def test_an_ellipse_is_as_far_out_as_it_says():
 
 
 # --------------------------------------------------------------------------------------------------------------- studies
-def test_following_odometry_is_odometry(small):
+def test_dead_reckoning_is_odometry(small):
     done = Drives(wrong_share=0.2).drive(scenario(small), 6, np.random.default_rng(0))
-    trace = follow(DeadReckoning(), done, 4.0)
+    trace = run_filter(DeadReckoning(), done, 4.0)
     assert np.allclose(trace.poses, done.odometry)
-    assert position_rms(trace.way, done.truth) == pytest.approx(position_rms(done.odometry, done.truth))
+    assert position_rms(trace.final_poses, done.truth) == pytest.approx(position_rms(done.odometry, done.truth))
     seen = [(step, view) for step in range(len(done.truth)) for view in done.candidates(step, 4.0)]
     assert trace.observed == len(seen)
     assert trace.wrong == sum(done.wrong[at] for at in seen)
@@ -274,12 +274,13 @@ def test_view_range_keeps_the_contract_and_measures_odometry(small):
     assert found["warnings"] == 2 * 3 + 2 * 2
     assert set(report.figures) == {"ranges", "nees", "drive"}
     paths = {path for path, _, _ in log.records}
-    assert {"truth", "odometry", "walls", "way", "views", "candidates", "bearings", "robot", "summary"} <= paths
+    assert {"truth", "odometry", "walls", "trajectory", "views", "candidates", "bearings", "robot"} <= paths
+    assert report.summary.startswith("## Error against the range")
     assert any(isinstance(r, Text) and "one, small, 2 m: off we go" in r.text for _, r, _ in log.records)
 
 
 def test_filters_are_compared_on_the_same_drives():
-    """Drives differ far more than filters do: pairs tell what means of different drives would hide."""
+    """Drives differ far more than filters do: pairs show what means of different drives would hide."""
     rng = np.random.default_rng(0)
     first = [1.0, 5.0, 2.0, 9.0, 4.0, 7.0]
     better = [rms - 0.2 + 0.01 * rng.standard_normal() for rms in first[:5]]
@@ -290,7 +291,7 @@ def test_filters_are_compared_on_the_same_drives():
 
 
 def ran_with(rms_m):
-    return Ran(rms_m, rms_m, 9.0, np.full(10, 3.0), 10, 0, 0, 0, 0, 1.0)
+    return FilterRun(rms_m, rms_m, 9.0, np.full(10, 3.0), 10, 0, 0, 0, 0, 1.0)
 
 
 def test_a_filter_has_converged_where_it_stays_good():

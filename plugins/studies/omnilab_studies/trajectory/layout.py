@@ -1,4 +1,4 @@
-"""How the study `trajectory` looks in a viewer."""
+"""Viewer layout of the study `trajectory`."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from omnilab.api import Panel, ViewLayout
 LAYOUT = ViewLayout(
     columns=(
         (
-            Panel("map", "The map grows (white dots: the true way)", ("room", "truth", "map", "closures", "robot")),
+            Panel(
+                "map", "The map grows (white dots: the true trajectory)", ("room", "truth", "map", "closures", "robot")
+            ),
             Panel("map", "By odometry alone, and optimised", ("truth", "odometry", "final")),
         ),
         (
             Panel("image", "Image", ("query/image",)),
-            Panel("image", "Where matches moved to (green: they agree with the motion)", ("query/panorama",)),
+            Panel("image", "Matches, from where a mere rotation leaves them (green: inliers)", ("query/panorama",)),
             Panel("plot", "ms for each image", ("time/image",)),
         ),
         (

@@ -1,59 +1,42 @@
-"""A robot's way and its map from nothing but images, beside the truth."""
+"""Graph SLAM from images (Berenguer, thesis, chapter 6): a robot's trajectory and map, compared with the truth."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from omnilab.api import (
-    Floats,
-    Graph,
-    Metric,
-    Optimized,
-    Parts,
-    PathPoses,
-    PlaceMap,
-    Plan,
-    Recorder,
-    Report,
-    Series,
-    Text,
-)
+from omnilab.api import Floats, Graph, Optimized, Parts, PathPoses, PlaceMap, Plan, Recorder, Report, Series, Text
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, planar_poses
-from omnilab.posegraph.graph import matrices, vectors
-from omnilab.trajectory.evaluation import Alignment, aligned, evaluate, path_length
+from omnilab.trajectory.evaluation import Alignment, path_length
 from omnilab_studies.common.frames import deliver_queries
-from omnilab_studies.common.pose_sources import Source, plan_of_trajectory
 from omnilab_studies.common.tables import markdown_table
+from omnilab_studies.common.pose_sources import Source, plan_of_trajectory
 from omnilab_studies.trajectory import figures, scale_estimation
 from omnilab_studies.trajectory.layout import LAYOUT
-from omnilab_studies.trajectory.loop_evaluation import Judged, judge
-from omnilab_studies.trajectory.mapping_run import Way
+from omnilab_studies.trajectory.mapping_run import MappingRun
 from omnilab_studies.trajectory.results import (
+    TrajectoryResults,
     closure_table,
-    counts_of,
-    errors_of,
+    evaluate_run,
     files_of,
-    loops_of,
-    off_m,
-    steps_of,
-    table_of,
+    metrics_of,
+    position_errors,
+    step_table,
 )
 
-ALONE = (209, 64, 63)  # the colour of the way by odometry alone
+ODOMETRY = (209, 64, 63)  # the colour of the trajectory by odometry alone
 
 
 @dataclass
-class Trajectory:
-    """Graph-SLAM from appearance (Berenguer, thesis, chapter 6): odometry, loop closures, a map that grows with each image.
+class TrajectoryStudy:
+    """Graph SLAM from appearance (Berenguer, thesis, chapter 6): odometry, loop closures, an incremental map.
 
     `backend` takes poses as they come; at the end it, and each of the `backends`, optimises the whole graph. Where the
-    sensor knows the poses, the trajectories (by odometry alone, as it was online, as optimised) are aligned with them
-    and measured. A step that could not be measured is bridged, said and counted.
+    sensor knows the poses, the trajectories (by odometry alone, online, optimised) are aligned with them and measured
+    (figures 6.6 and 6.7). A step that could not be measured is bridged, with a warning, and counted.
 
     The run's folder gets the trajectories in TUM's and KITTI's format and the graph as g2o.
     """
@@ -85,55 +68,25 @@ class Trajectory:
             raise ConfigError(f"study.show={self.show} shows nothing; give 1 or more")
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
-        """Map image by image; optimise the whole; measure."""
+        """Map image by image, optimise the whole graph, evaluate."""
         plan = self._plan(parts, rng)
-        record.log("", LAYOUT)
-        if scene := parts.sensor.scene():
-            record.log("room", scene)
-        if plan.T_world_camera is not None:
-            record.log("truth", PlaceMap(plan.T_world_camera[:, :3, 3]))
-
-        # the map as it grows, one image after the other
-        way = Way(parts, plan, record, self.show, self.gap)
-        seed, mapping = int(rng.integers(2**32)), np.random.default_rng(rng.integers(2**32))
-        omitted = list(plan.omitted)
-        for frames in deliver_queries(parts, plan, record, seed):
-            omitted += frames.omitted
-            for i in range(len(frames)):
-                way.take(frames.at(i), mapping)
-        for sentence in omitted:
-            record.log("log", Text(f"left out: {sentence}", "WARN"))
-        if len(way.steps) < 2:
-            raise DataError(f"a sequence of {len(way.steps)} image makes no trajectory; give 2 or more")
-
-        # the whole of it, optimised
-        graph, final = way.mapper.graph(), dict[str, Optimized]()
-        for name, backend in record.track(
-            (parts.backends or {"final": parts.backend}).items(), "optimize", 1, lambda _: 1
-        ):
-            with record.timed(f"optimize: {name}"):
-                final[name], factors = scale_estimation.optimize(backend, graph, way.mapper.groups, way.mapper.factors)
-            for sentence in final[name].warnings:
-                record.log("log", Text(f"{name}: {sentence}", "WARN"))
-        ways = {"odometry": np.array(way.mapper.alone), "online": np.array(way.mapper.online)}
-        ways |= {name: found.poses for name, found in final.items()}
-
-        # what it amounts to
-        truth, closures = way.truth, way.closures
-        errors = {} if truth is None else {n: evaluate(matrices(p), truth, self.alignment) for n, p in ways.items()}
-        judged = None if truth is None else judge(closures, truth, self.same_place_m)
-        metrics = [
-            *errors_of(errors, list(final)), *loops_of(judged, closures), *steps_of(way), *counts_of(way, final, factors, len(omitted))
-        ]  # fmt: skip
-        shown = ways if truth is None else {n: self._over(p, truth) for n, p in ways.items()}
-        self._tell(record, way, shown, metrics)
-        tables = {"steps": table_of(way, shown), "closures": closure_table(closures, judged)}
+        _log_truth(record, parts, plan)
+        mapping, omitted = self._map(parts, plan, record, rng)
+        optimized, factors = _optimize(parts, mapping, record)
+        results = evaluate_run(mapping, optimized, factors, self.alignment, self.same_place_m)
+        _log_results(record, results)
+        metrics = metrics_of(results, len(omitted))
         return Report(
-            metrics, tables, self._figures(way, shown, judged), files=files_of(way, ways, factors, next(iter(final)))
+            metrics,
+            tables={"steps": step_table(results), "closures": closure_table(results)},
+            figures=_figures(results),
+            files=files_of(results),
+            summary=markdown_table(metrics, "Trajectory"),
+            omitted=omitted,
         )
 
     def _plan(self, parts: Parts, rng: np.random.Generator) -> Plan:
-        """The images of the way, in their order."""
+        """The images of the trajectory, in their order."""
         plan = plan_of_trajectory(parts.sensor, self.images, self.path, self.height_m)
         if self.jitter:
             if plan.T_world_camera is None or self.images is Source.recorded:
@@ -144,43 +97,77 @@ class Trajectory:
             raise DataError(f"a sequence of {len(plan)} image makes no trajectory; give 2 or more")
         return plan
 
-    def _over(self, poses: Floats, truth: Floats) -> Floats:
-        """Poses (n, 3), aligned with the true ones (n, 4, 4)."""
-        return vectors(aligned(matrices(poses), truth, self.alignment)[0], planar=True)
+    def _map(
+        self, parts: Parts, plan: Plan, record: Recorder, rng: np.random.Generator
+    ) -> tuple[MappingRun, list[str]]:
+        """The incremental map of all images, one after the other; and the frames that were left out."""
+        mapping = MappingRun(parts, plan, record, self.show, self.gap)
+        seed, mapping_rng = int(rng.integers(2**32)), np.random.default_rng(rng.integers(2**32))
+        omitted = list(plan.omitted)
+        for frames in deliver_queries(parts, plan, record, seed):
+            omitted += frames.omitted
+            for i in range(len(frames)):
+                mapping.process(frames.at(i), mapping_rng)
+        if len(mapping.steps) < 2:
+            raise DataError(f"a sequence of {len(mapping.steps)} image makes no trajectory; give 2 or more")
+        return mapping, omitted
 
-    def _tell(self, record: Recorder, way: Way, shown: Mapping[str, Floats], metrics: list[Metric]) -> None:
-        """The whole into the logs: the way by odometry alone, as it was optimised, and the errors."""
-        last = way.tick(len(way.steps) - 1)
-        edges = np.column_stack([np.arange(len(way.steps) - 1), np.arange(1, len(way.steps))])
-        height = 0.0 if way.truth is None else float(way.truth[0, 2, 3])
-        at = {name: np.column_stack([poses[:, :2], np.full(len(poses), height)]) for name, poses in shown.items()}
-        alone = np.tile(np.array(ALONE, np.uint8), (len(edges), 1))
-        record.log("odometry", Graph(at.pop("odometry"), edges, alone), last)
-        at.pop("online")
-        for name, position in at.items():
-            record.log(f"final/{name}", Graph(position, way.mapper.graph().edges, way.colors), last)
-        for name, off in off_m(way, shown).items():
-            steps = np.arange(len(off))
-            record.log(f"error/{name}", Series(off, steps, np.array(way.mapper.stamps_ns), "m"))
-        record.log("summary", Text(markdown_table(metrics, "Trajectory"), markdown=True))
 
-    def _figures(self, way: Way, shown: Mapping[str, Floats], judged: Judged | None) -> dict[str, Any]:
-        truth = way.truth
-        panels = {name.replace("_", " "): poses[:, :2] for name, poses in shown.items()}
-        drawn: dict[str, Any] = {
-            "paths": figures.paths(
-                panels, None if truth is None else truth[:, :2, 3], way.closures,
-                None if judged is None else judged.right, "m" if truth is not None else way.mapper.unit,
-            ),
-            "time": figures.times(np.array(way.times_ms)),
-        }  # fmt: skip
-        if truth is not None:
-            drawn["errors"] = figures.errors(path_length(truth), off_m(way, shown))
-        return drawn
+def _optimize(parts: Parts, mapping: MappingRun, record: Recorder) -> tuple[dict[str, Optimized], Floats]:
+    """The whole graph, optimised by each of the back ends; the factors (G,) of lengths, of the last of them."""
+    front_end = mapping.front_end
+    graph, optimized = front_end.graph(), dict[str, Optimized]()
+    backends = parts.backends or {"final": parts.backend}
+    for name, backend in record.track(backends.items(), "optimize", 1, lambda _: 1):
+        with record.timed(f"optimize: {name}"):
+            optimized[name], factors = scale_estimation.optimize(backend, graph, front_end.groups, front_end.factors)
+        for warning in optimized[name].warnings:
+            record.log("log", Text(f"{name}: {warning}", "WARN"))
+    return optimized, factors
+
+
+def _log_truth(record: Recorder, parts: Parts, plan: Plan) -> None:
+    """The layout, the world's surface, and the true positions where they are known."""
+    record.log("", LAYOUT)
+    if scene := parts.sensor.scene():
+        record.log("room", scene)
+    if plan.T_world_camera is not None:
+        record.log("truth", PlaceMap(plan.T_world_camera[:, :3, 3]))
+
+
+def _log_results(record: Recorder, results: TrajectoryResults) -> None:
+    """The trajectory by odometry alone, the optimised maps, and the errors along the trajectory."""
+    mapping, truth = results.run, results.run.truth
+    last = mapping.tick(len(mapping.steps) - 1)
+    edges = np.column_stack([np.arange(len(mapping.steps) - 1), np.arange(1, len(mapping.steps))])
+    height = 0.0 if truth is None else float(truth[0, 2, 3])
+    at = {name: np.column_stack([p[:, :2], np.full(len(p), height)]) for name, p in results.aligned.items()}
+    color = np.tile(np.array(ODOMETRY, np.uint8), (len(edges), 1))
+    record.log("odometry", Graph(at["odometry"], edges, color), last)
+    for name in results.optimized:
+        record.log(f"final/{name}", Graph(at[name], mapping.front_end.graph().edges, mapping.colors), last)
+    for name, error in position_errors(results).items():
+        record.log(f"error/{name}", Series(error, np.arange(len(error)), np.array(mapping.front_end.stamps_ns), "m"))
+
+
+def _figures(results: TrajectoryResults) -> dict[str, Any]:
+    """Paths with loop closures, time of each image, and errors where the truth is known."""
+    mapping, truth, loops = results.run, results.run.truth, results.loops
+    panels = {name.replace("_", " "): poses[:, :2] for name, poses in results.aligned.items()}
+    drawn: dict[str, Any] = {
+        "paths": figures.paths(
+            panels, None if truth is None else truth[:, :2, 3], mapping.closures,
+            None if loops is None else loops.right, "m" if truth is not None else mapping.front_end.unit,
+        ),
+        "time": figures.times(np.array(mapping.times_ms)),
+    }  # fmt: skip
+    if truth is not None:
+        drawn["errors"] = figures.errors(path_length(truth), position_errors(results))
+    return drawn
 
 
 def jittered(T_world_camera: Floats, shift: Floats) -> Floats:
-    """Poses (N, 4, 4), each moved along the way between its neighbours by so many steps (N,), below half a step.
+    """Poses (N, 4, 4), each moved along the path between its neighbours by so many steps (N,), below half a step.
 
     The first and the last move inwards only.
     """

@@ -1,1 +1,1 @@
-"""View-based SLAM: maps of views, simulated and from images."""
+"""View-based SLAM (Gil et al., 2012): maps of views, on simulated drives and from images."""

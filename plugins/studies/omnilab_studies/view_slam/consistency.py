@@ -1,4 +1,4 @@
-"""Whether an estimator is as sure of itself as it may be: NEES and its bounds, ellipses, bands."""
+"""Consistency of an estimator: NEES and its bounds, covariance ellipses."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ def nees(error: Floats, covariance: Floats) -> Floats:
 
 
 def nees_bounds(runs: int, dof: int = 3, probability: float = 0.95) -> tuple[float, float]:
-    """Between which the mean NEES of so many runs lies with a probability, if covariances are true (Bar-Shalom, 2001)."""
+    """Bounds of the mean NEES of so many runs, with a probability, if covariances are true (Bar-Shalom, 2001)."""
     tail = (1 - probability) / 2
     return chi2_quantile(tail, runs * dof) / runs, chi2_quantile(1 - tail, runs * dof) / runs
 
 
 def chi2_quantile(probability: float, dof: int) -> float:
-    """The value below which chi2 is with a probability, by bisection."""
+    """Quantile of the chi2 distribution, by bisection."""
     low, high = 0.0, dof + 20 * math.sqrt(2 * dof) + 100
     while high - low > 1e-12 * high:
         middle = (low + high) / 2
@@ -38,7 +38,7 @@ def chi2_quantile(probability: float, dof: int) -> float:
 
 
 def _chi2_below(value: float, dof: int) -> float:
-    """The incomplete gamma function's series (Abramowitz and Stegun, 6.5.29)."""
+    """Cumulative chi2 distribution: the incomplete gamma function's series (Abramowitz and Stegun, 6.5.29)."""
     a, x = dof / 2, value / 2
     if x == 0:
         return 0.0
@@ -51,7 +51,7 @@ def _chi2_below(value: float, dof: int) -> float:
 
 
 def ellipses(position_m: Floats, covariance: Floats, sigmas: float = 2.0, corners: int = 36) -> Floats:
-    """Outlines (N, corners, 2) of positions (N, 2) with covariances (N, 2, 2), so many standard deviations wide."""
+    """Covariance ellipses (N, corners, 2) about positions (N, 2) with covariances (N, 2, 2), of so many standard deviations."""
     values, axes = np.linalg.eigh(covariance)
     angle = np.linspace(0, 2 * np.pi, corners, endpoint=False)
     circle = np.column_stack([np.cos(angle), np.sin(angle)])

@@ -1,4 +1,4 @@
-"""A robot that maps views, in the logs: its way, the views with their ellipses, what it sees, how far it is off."""
+"""View-based SLAM in the logs: trajectory, views with their ellipses, bearings, errors."""
 
 from __future__ import annotations
 
@@ -24,44 +24,38 @@ from omnilab.api import (
 from omnilab.posegraph.graph import matrices
 from omnilab_studies.view_slam.consistency import ellipses, errors
 from omnilab_studies.view_slam.drives import Drive
-from omnilab_studies.view_slam.filter_runs import Trace, follow
+from omnilab_studies.view_slam.filter_runs import FilterEstimate, run_filter
 from omnilab_studies.view_slam.scenarios import Scenario
 
 STEP_NS = 500_000_000
-DOTS = 5  # a step of a way
+DOTS = 5  # a step of a trajectory
 RAISED_M = 0.05  # carpets would hide what lies on the floor
 TRUTH, ODOMETRY, ESTIMATE, WALL = (150, 160, 175), (233, 163, 32), (47, 109, 179), (90, 96, 110)
-SEEN, GATED = (42, 157, 92), (214, 69, 65)
+BELIEVED, GATED = (42, 157, 92), (214, 69, 65)
 AXES = ("x_m", "y_m", "heading_deg")
 
 
-class Shown(NamedTuple):
-    """A drive that was shown."""
-
-    trace: Trace
-    views: Floats  # (N, 3) at the end of the drive
-    spreads: Floats  # (N, 3, 3)
-
-
-def show_drive(record: Recorder, view_filter: ViewFilter, drive: Drive, ground: Scenario, range_m: float) -> Shown:
-    """A filter on a drive, step by step in the logs; then its errors with bands of two standard deviations."""
+def show_drive(
+    record: Recorder, view_filter: ViewFilter, drive: Drive, ground: Scenario, range_m: float
+) -> FilterEstimate:
+    """Run a filter on a drive, step by step in the logs; then its errors with bands of two standard deviations."""
     record.log("taken", PlaceMap(_at(drive.truth[drive.view_steps])))
     if len(ground.walls_m):
         record.log("walls", segments(ground.walls_m, [WALL] * len(ground.walls_m)))
     record.log("truth", line(drive.truth, TRUTH))
     record.log("odometry", line(drive.odometry, ODOMETRY))
-    way: list[Floats] = [drive.truth[0]]
+    trajectory: list[Floats] = [drive.truth[0]]
     last: list[tuple[Floats, Floats]] = []
 
-    def watch(step: int, found: ViewMap, seen: Ints, believed: Bools) -> None:
-        way.append(found.pose()[0])
-        last[:] = [(found.views(), found.view_covariances())]
-        bearings = Bearings(seen, drive.angles_rad[step, seen, 0], believed)
-        show_step(record, Tick(step, step * STEP_NS), np.array(way), last[0], seen, bearings)
+    def watch(step: int, view_map: ViewMap, observed: Ints, believed: Bools) -> None:
+        trajectory.append(view_map.pose()[0])
+        last[:] = [(view_map.views(), view_map.view_covariances())]
+        bearings = Bearings(observed, drive.angles_rad[step, observed, 0], believed)
+        show_step(record, Tick(step, step * STEP_NS), np.array(trajectory), last[0], observed, bearings)
 
-    trace = follow(view_filter, drive, range_m, watch)
+    trace = run_filter(view_filter, drive, range_m, watch)
     show_errors(record, trace.poses, trace.covariances, drive.truth)
-    return Shown(trace, *last[0])
+    return FilterEstimate(trace.poses, trace.covariances, *last[0])
 
 
 class Bearings(NamedTuple):
@@ -73,27 +67,27 @@ class Bearings(NamedTuple):
 
 
 def show_step(
-    record: Recorder, tick: Tick, way: Floats, views: tuple[Floats, Floats], near: Ints, seen: Bearings
+    record: Recorder, tick: Tick, trajectory: Floats, views: tuple[Floats, Floats], candidates: Ints, observed: Bearings
 ) -> None:
-    """The way so far (T, 3), views (N, 3) and covariances (N, 3, 3), those that were looked for and those that were seen."""
-    poses, spreads = views
-    record.log("robot", Pose(matrices(way[-1:])[0]), tick)
-    record.log("way", line(way, ESTIMATE), tick)
-    record.log("views", outlines(poses, spreads), tick)
-    robot = way[-1, :2]
-    record.log("candidates", rays(robot, poses[near, :2], [TRUTH] * len(near)), tick)
-    distance_m = np.linalg.norm(poses[seen.views, :2] - robot, axis=1)
-    angle = way[-1, 2] + seen.bearings_rad
+    """The trajectory so far (T, 3), views (N, 3) with covariances (N, 3, 3), candidates (C,) and observed bearings."""
+    poses, covariances = views
+    record.log("robot", Pose(matrices(trajectory[-1:])[0]), tick)
+    record.log("trajectory", line(trajectory, ESTIMATE), tick)
+    record.log("views", outlines(poses, covariances), tick)
+    robot = trajectory[-1, :2]
+    record.log("candidates", rays(robot, poses[candidates, :2], [TRUTH] * len(candidates)), tick)
+    distance_m = np.linalg.norm(poses[observed.views, :2] - robot, axis=1)
+    angle = trajectory[-1, 2] + observed.bearings_rad
     ends = robot + distance_m[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-    record.log("bearings", rays(robot, ends, [SEEN if each else GATED for each in seen.believed]), tick)
+    record.log("bearings", rays(robot, ends, [BELIEVED if each else GATED for each in observed.believed]), tick)
 
 
 def show_errors(record: Recorder, poses: Floats, covariances: Floats, truth: Floats) -> None:
     """Errors of poses (T, 3) in x, y and heading, and twice their standard deviations, as curves."""
     steps = np.arange(len(poses))
-    for axis, off, sigma in zip(AXES, *error_bands(poses, covariances, truth), strict=True):
+    for axis, error, sigma in zip(AXES, *error_bands(poses, covariances, truth), strict=True):
         unit = axis.rpartition("_")[2]
-        curves = {"error": (off, ESTIMATE), "two_sigma": (2 * sigma, TRUTH), "minus_two_sigma": (-2 * sigma, TRUTH)}
+        curves = {"error": (error, ESTIMATE), "two_sigma": (2 * sigma, TRUTH), "minus_two_sigma": (-2 * sigma, TRUTH)}
         for name, (values, color) in curves.items():
             record.log(f"error/{axis}/{name}", Series(values, steps, steps * STEP_NS, unit, color))
 
@@ -105,14 +99,14 @@ def error_bands(poses: Floats, covariances: Floats, truth: Floats) -> tuple[Floa
     return (units * errors(poses, truth)).T, (units * sigma).T
 
 
-def outlines(poses: Floats, spreads: Floats) -> PointCloud:
-    """Ellipses of two standard deviations about poses (N, 3)."""
-    points = ellipses(poses[:, :2], spreads[:, :2, :2], corners=72).reshape(-1, 2)
+def outlines(poses: Floats, covariances: Floats) -> PointCloud:
+    """Ellipses of two standard deviations about poses (N, 3) with covariances (N, 3, 3)."""
+    points = ellipses(poses[:, :2], covariances[:, :2, :2], corners=72).reshape(-1, 2)
     return PointCloud(_at(points), np.tile(np.array(ESTIMATE, np.uint8), (len(points), 1)))
 
 
 def line(poses: Floats, color: tuple[int, int, int]) -> PointCloud:
-    """The way along poses (T, 3), dotted."""
+    """A dotted line along poses (T, 3)."""
     at = np.linspace(0, len(poses) - 1, DOTS * (len(poses) - 1) + 1)
     points = np.column_stack([np.interp(at, np.arange(len(poses)), axis) for axis in poses[:, :2].T])
     return PointCloud(_at(points), np.tile(np.array(color, np.uint8), (len(points), 1)))

@@ -1,4 +1,4 @@
-"""Drives through scenarios: what a robot's odometry and camera would tell, without images."""
+"""Simulated drives through scenarios: odometry and observations of views, without images."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from omnilab.geometry import wrap_angle
 from omnilab.posegraph.graph import between, moved
 from omnilab_studies.view_slam.scenarios import Scenario
 
-GAP_RAD = 0.5  # standard deviation of the turn in a step that odometry has missed; of the way: the step's length
+GAP_RAD = (
+    0.5  # standard deviation of the turn in a step that odometry has missed; of its translation: the step's length
+)
 
 
 class Drive(NamedTuple):
-    """T poses, T - 1 motions as odometry tells them, N views in the order in which they are taken."""
+    """T poses, T - 1 motions of odometry, N views in the order in which they are taken."""
 
     truth: Floats  # (T, 3)
     motions: Floats  # (T - 1, 3)
@@ -31,13 +33,13 @@ class Drive(NamedTuple):
     wrong: Bools  # (T, N) where the observation is that of another view
 
     def candidates(self, step: int, range_m: float) -> Ints:
-        """The views that are observed at a step."""
+        """The views (K,) within a range, in metres, that are observed at a step."""
         return np.flatnonzero(self.open[step] & (self.distance_m[step] < range_m))
 
 
 @dataclass
 class Drives:
-    """How robots drive through scenarios, and what goes wrong."""
+    """Settings of simulated drives: laps, noise, mishaps."""
 
     laps: int = 2  # views are taken on the first
     sigma_rad: float = 0.1  # of bearings and relative orientations
@@ -60,23 +62,23 @@ class Drives:
         """One drive: views at the start and at random steps of the first lap, noise, mishaps."""
         truth = self._path(scenario, rng)
         motions = between(truth, np.column_stack([np.arange(len(truth) - 1), np.arange(1, len(truth))]))
-        told, covariances = self._odometry(scenario, motions, rng)
+        measured, covariances = self._odometry(scenario, motions, rng)
         steps = _view_steps(truth, len(scenario.lap), views, rng)
         true = _angles(truth, truth[steps])
         wrong = (rng.random(true.shape[:2]) < self.wrong_share) & (views > 1)
         other = (np.arange(views) + rng.integers(1, max(2, views), true.shape[:2])) % views
-        seen = np.where(wrong[:, :, None], np.take_along_axis(true, other[:, :, None], axis=1), true)
-        seen = wrap_angle(seen + self.sigma_rad * rng.standard_normal(true.shape))
+        observed = np.where(wrong[:, :, None], np.take_along_axis(true, other[:, :, None], axis=1), true)
+        observed = wrap_angle(observed + self.sigma_rad * rng.standard_normal(true.shape))
         distance_m = np.linalg.norm(truth[:, None, :2] - truth[steps][:, :2], axis=2)
         far = (np.arange(len(truth))[:, None] > steps) & (distance_m >= self.nearest_m)
         clear = line_of_sight(truth[:, :2], truth[steps, :2], scenario.walls_m)
         return Drive(
             truth,
-            told,
+            measured,
             covariances,
-            chained(truth[0], told),
+            chained(truth[0], measured),
             steps,
-            seen,
+            observed,
             self.sigma_rad,
             distance_m,
             far & clear,
@@ -89,14 +91,14 @@ class Drives:
         return np.repeat(path, 1 + (rng.random(len(path)) < self.halt_share), axis=0)
 
     def _odometry(self, scenario: Scenario, motions: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
-        """Motions (M, 3) as told, covariances (M, 3, 3); a motion that was missed is told as none, and very unsure."""
+        """Measured motions (M, 3), covariances (M, 3, 3); a motion that was missed is zero, with a large covariance."""
         covariances = scenario.noise.covariances(motions)
         sigma = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
-        told = motions + sigma * rng.standard_normal(motions.shape)
+        measured = motions + sigma * rng.standard_normal(motions.shape)
         missed = rng.random(len(motions)) < self.gap_share
-        told[missed] = 0
+        measured[missed] = 0
         covariances[missed] = np.diag([scenario.step_m**2, scenario.step_m**2, GAP_RAD**2])
-        return told, covariances
+        return measured, covariances
 
 
 def _view_steps(truth: Floats, lap: int, views: int, rng: np.random.Generator) -> Ints:

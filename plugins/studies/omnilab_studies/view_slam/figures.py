@@ -1,17 +1,19 @@
-"""Figures of view filters."""
+"""Figures of view filters (Gil et al., 2012, figures 6 to 10)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from omnilab.api import Floats
-from omnilab_studies.common.plots import blank_figure, style_of
+from omnilab_studies.common.plots import style_of
+from omnilab_studies.common.plots import blank_figure as blank
 from omnilab_studies.view_slam.consistency import ellipses
-from omnilab_studies.view_slam.display import Shown, error_bands
+from omnilab_studies.view_slam.display import error_bands
 from omnilab_studies.view_slam.drives import Drive
+from omnilab_studies.view_slam.filter_runs import FilterEstimate
 from omnilab_studies.view_slam.scenarios import Scenario
 
 if TYPE_CHECKING:
@@ -25,7 +27,7 @@ Rows = Sequence[Mapping[str, Any]]
 def against_range(rows: Rows, names: Sequence[str]) -> Figure:
     """RMS position error of filters and odometry against the range, bands of two standard deviations (figure 6)."""
     grounds = list(dict.fromkeys(row["scenario"] for row in rows))
-    figure = blank_figure(5.2 * len(grounds), 4.0)
+    figure = blank(5.2 * len(grounds), 4.0)
     for axes, ground in zip(figure.subplots(1, len(grounds), squeeze=False, sharey=True)[0], grounds, strict=True):
         own = [row for row in rows if row["scenario"] == ground]
         _errors(axes, own, "range_m", names)
@@ -35,14 +37,14 @@ def against_range(rows: Rows, names: Sequence[str]) -> Figure:
 
 def against_count(rows: Rows, times: Rows, names: Sequence[str]) -> Figure:
     """RMS error against the number of views, time of a step against it, one against the other (figure 7)."""
-    figure = blank_figure(13.0, 4.0)
+    figure = blank(13.0, 4.0)
     error, cost, both = figure.subplots(1, 3)
     _errors(error, rows, "views", names)
     error.set(xlabel="views N", ylabel="RMS error [m]", title="Error", ylim=(0, None))
     for name, style in style_of(list(names)).items():
-        own, clocked = ([row for row in table if row["filter"] == name] for table in (rows, times))
-        ms = [row["step_ms"] for row in clocked]
-        cost.plot([row["views"] for row in clocked], ms, **style, label=name)
+        own, timed = ([row for row in table if row["filter"] == name] for table in (rows, times))
+        ms = [row["step_ms"] for row in timed]
+        cost.plot([row["views"] for row in timed], ms, **style, label=name)
         both.plot(ms, [row["rms_m"] for row in own], **style, label=name)
         for row, one in zip(own, ms, strict=True):
             both.annotate(str(row["views"]), (one, row["rms_m"]), xytext=(3, 4), textcoords="offset points", fontsize=7)
@@ -61,7 +63,7 @@ def against_count(rows: Rows, times: Rows, names: Sequence[str]) -> Figure:
 def consistency(rows: Rows, key: str, label: str, names: Sequence[str]) -> Figure:
     """NEES, averaged over seeds and steps, and the share of steps within the 95 % bounds, against what was varied."""
     grounds = list(dict.fromkeys(row["scenario"] for row in rows))
-    figure = blank_figure(5.2 * len(grounds), 6.0)
+    figure = blank(5.2 * len(grounds), 6.0)
     panels = figure.subplots(2, len(grounds), squeeze=False)
     for (high, low), ground in zip(panels.T, grounds, strict=True):
         for name, style in style_of(list(names)).items():
@@ -80,36 +82,36 @@ def consistency(rows: Rows, key: str, label: str, names: Sequence[str]) -> Figur
     return figure
 
 
-def drive(done: Drive, ground: Scenario, shown: Shown, name: str, range_m: float) -> Figure:
+def drive(done: Drive, ground: Scenario, estimate: FilterEstimate, name: str, range_m: float) -> Figure:
     """A drive from above, views with ellipses of two standard deviations, and the errors with theirs (figures 8 to 10)."""
-    figure = blank_figure(11.5, 5.6)
+    figure = blank(11.5, 5.6)
     left, right = np.asarray(figure.subfigures(1, 2, width_ratios=(1.1, 1)))
     above = left.subplots()
     for wall in ground.walls_m:
         above.plot(*wall.T, color="#3b4250", linewidth=2)
     above.plot(*done.odometry[:, :2].T, "--", color="#e9a320", linewidth=1, label="odometry")
     above.plot(*done.truth[:, :2].T, ":", color="black", linewidth=1.4, label="truth")
-    above.plot(*shown.trace.poses[:, :2].T, color="#2f6db3", linewidth=1.2, label=name)
-    draw_views(above, shown.views, shown.spreads)
+    above.plot(*estimate.poses[:, :2].T, color="#2f6db3", linewidth=1.2, label=name)
+    draw_views(above, estimate.views, estimate.view_covariances)
     above.set(
         xlabel="x [m]", ylabel="y [m]", aspect="equal", title=f"{ground.name}, views observed within {range_m:g} m"
     )
     above.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=4)
     above.spines[["top", "right"]].set_visible(False)
-    draw_errors(right.subplots(3, 1, sharex=True), *error_bands(shown.trace.poses, shown.trace.covariances, done.truth))
+    draw_errors(right.subplots(3, 1, sharex=True), *error_bands(estimate.poses, estimate.covariances, done.truth))
     return figure
 
 
-def draw_views(axes: Axes, views: Floats, spreads: Floats) -> None:
-    """Views (N, 3) as dots with their ellipses."""
+def draw_views(axes: Axes, views: Floats, covariances: Floats) -> None:
+    """Views (N, 3) as dots with the ellipses of their covariances (N, 3, 3)."""
     axes.plot(*views[:, :2].T, "o", color="#d1403f", markersize=3.5, label="views, 2σ")
-    for outline in ellipses(views[:, :2], spreads[:, :2, :2]):
+    for outline in ellipses(views[:, :2], covariances[:, :2, :2]):
         axes.fill(*outline.T, facecolor="#d1403f", alpha=0.18, edgecolor="#d1403f", linewidth=0.8)
 
 
-def draw_errors(panels: Any, off: Floats, sigma: Floats) -> None:
+def draw_errors(panels: Any, error: Floats, sigma: Floats) -> None:
     """Errors (3, T) in x, y, heading over the steps, within two standard deviations (3, T)."""
-    for axes, values, width, label in zip(panels, off, sigma, ("x [m]", "y [m]", "heading [°]"), strict=True):
+    for axes, values, width, label in zip(panels, error, sigma, ("x [m]", "y [m]", "heading [°]"), strict=True):
         axes.fill_between(np.arange(len(values)), -2 * width, 2 * width, color="#2f6db3", alpha=0.18, linewidth=0)
         axes.plot(values, color="#2f6db3", linewidth=1)
         axes.axhline(0, color=GREY, linewidth=0.7)
@@ -143,26 +145,17 @@ def _finish(axes: Axes) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-class Mapped(NamedTuple):
-    """What a filter believed on its way."""
-
-    poses: Floats  # (T, 3)
-    covariances: Floats  # (T, 3, 3)
-    views: Floats  # (N, 3)
-    spreads: Floats  # (N, 3, 3)
-
-
-def mapped(truth: Floats, odometry: Floats, shown: Mapping[str, Mapped]) -> dict[str, Figure]:
-    """For each filter: the ways (T, 3) from above with views and ellipses, and errors with bands (figures 8 to 10)."""
+def maps(truth: Floats, odometry: Floats, estimates: Mapping[str, FilterEstimate]) -> dict[str, Figure]:
+    """For each filter: the trajectories (T, 3) from above with views and ellipses, and errors with bands (figures 8 to 10)."""
     made = {}
-    for name, one in shown.items():
-        figure = blank_figure(12.5, 5.6)
+    for name, one in estimates.items():
+        figure = blank(12.5, 5.6)
         left, right = np.asarray(figure.subfigures(1, 2, width_ratios=(1.3, 1)))
         above = left.subplots()
         above.plot(*odometry[:, :2].T, "--", color="#e9a320", linewidth=1, label="odometry")
         above.plot(*truth[:, :2].T, color="#b9c2cf", linewidth=3, label="truth")
         above.plot(*one.poses[:, :2].T, color="#2f6db3", linewidth=1, label=name)
-        draw_views(above, one.views, one.spreads)
+        draw_views(above, one.views, one.view_covariances)
         above.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title=f"{len(one.views)} views")
         above.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=4)
         above.spines[["top", "right"]].set_visible(False)

@@ -1,4 +1,4 @@
-"""The view filters that a study compares, and what each did on every drive."""
+"""Comparison of view filters on the same simulated drives."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from omnilab.errors import ConfigError
 from omnilab.metrics import bootstrap
 from omnilab_studies.view_slam.consistency import nees_bounds
 from omnilab_studies.view_slam.drives import Drive
-from omnilab_studies.view_slam.filter_runs import Trace, follow, position_rms, trace_nees
+from omnilab_studies.view_slam.filter_runs import FilterTrace, position_rms, run_filter, trace_nees
 
-MAX_LINES = 10  # of what filters say, in the log
+MAX_LINES = 10  # of the filters' warnings, in the log
 
 
-class Ran(NamedTuple):
-    """A filter on a drive, in numbers."""
+class FilterRun(NamedTuple):
+    """A filter on one drive, in numbers."""
 
     rms_m: float
-    final_rms_m: float  # of the way at the end
+    final_rms_m: float  # of the trajectory at the end
     odometry_rms_m: float
     nees: Floats  # (T - 1,)
     observed: int
@@ -32,20 +32,18 @@ class Ran(NamedTuple):
     step_ms: float  # median
 
 
-def rivals_of(parts: Parts) -> dict[str, ViewFilter]:
+def filters_of(parts: Parts) -> dict[str, ViewFilter]:
     """The run's view filters by name; ConfigError if there are none."""
-    found = dict(parts.view_filters) or _alone(parts.view_filter)
-    if not found:
+    filters = dict(parts.view_filters)
+    if not filters and parts.view_filter is not None:
+        filters = {"view_filter": parts.view_filter}
+    if not filters:
         raise ConfigError(
             "this study needs view filters; give +view_filter@view_filters.NAME=view_ekf, or view_filter="
         )
-    if "odometry" in found:
+    if "odometry" in filters:
         raise ConfigError("view_filters.odometry has the name of what filters are compared with; give it another")
-    return found
-
-
-def _alone(view_filter: ViewFilter | None) -> dict[str, ViewFilter]:
-    return {} if view_filter is None else {"view_filter": view_filter}
+    return filters
 
 
 def seeds_of(name: str, seeds: int, fewer: Mapping[str, int]) -> int:
@@ -60,41 +58,78 @@ def check_seeds(seeds: int, fewer: Mapping[str, int]) -> None:
             raise ConfigError(f"study.{name}={count} has no spread; give 2 or more")
 
 
-class Teller:
-    """Puts what filters say into the log, so long as it is not too much."""
+class LogLimiter:
+    """Puts warnings into the log, up to `MAX_LINES` of them."""
 
     def __init__(self, record: Recorder) -> None:
         self._record, self._lines = record, 0
 
-    def tell(self, where: str, said: Sequence[str]) -> None:
-        """Sentences about a drive."""
-        for sentence in said[: max(0, MAX_LINES - self._lines)]:
-            self._record.log("log", Text(f"{where}: {sentence}", "WARN"))
-        self._lines += len(said)
+    def log(self, where: str, warnings: Sequence[str]) -> None:
+        """Warnings of one place, such as an image or a drive."""
+        for warning in warnings[: max(0, MAX_LINES - self._lines)]:
+            self._record.log("log", Text(f"{where}: {warning}", "WARN"))
+        self._lines += len(warnings)
 
 
-def ran(view_filter: ViewFilter, drive: Drive, range_m: float) -> tuple[Ran, Trace]:
-    """A filter on a drive."""
-    trace = follow(view_filter, drive, range_m)
-    return Ran(
-        position_rms(trace.poses, drive.truth), position_rms(trace.way, drive.truth),
+class FilterComparison:
+    """View filters on the same drives, case by case: rows of the tables.
+
+    The first filter comes first in each case: the others are compared with it. `fewer` says which go on fewer drives.
+    """
+
+    def __init__(
+        self, filters: Mapping[str, ViewFilter], seeds: int, fewer: Mapping[str, int], record: Recorder,
+        rng: np.random.Generator,
+    ) -> None:  # fmt: skip
+        self.rows: list[dict[str, Any]] = []  # one a case and filter
+        self.drive_rows: list[dict[str, Any]] = []  # one a drive, case and filter
+        self._filters, self._record, self._rng = filters, record, rng
+        self._common = min(seeds_of(name, seeds, fewer) for name in filters)
+        self._first: list[FilterRun] = []  # of the case
+        self._limiter = LogLimiter(record)
+
+    def compare(
+        self, name: str, drives: Sequence[Drive], range_m: float, case: Mapping[str, Any], label: str
+    ) -> list[FilterRun]:
+        """One filter on the drives of a case: values of the table's first columns, and a label for warnings."""
+        runs = []
+        with self._record.timed(f"filter: {name}", len(drives)):
+            for drive in drives:
+                run, trace = evaluated_run(self._filters[name], drive, range_m)
+                runs.append(run)
+                self._limiter.log(f"{name}, {label}", trace.warnings)
+        if name == next(iter(self._filters)):
+            self._first = runs
+        columns = {**case, "filter": name}
+        self.rows.append({**columns, **row_of(runs, self._first, self._common, self._rng)})
+        self.drive_rows += [{**columns, **row} for row in drives_of(runs)]
+        return runs
+
+
+def evaluated_run(view_filter: ViewFilter, drive: Drive, range_m: float) -> tuple[FilterRun, FilterTrace]:
+    """A filter on a drive, and its errors."""
+    trace = run_filter(view_filter, drive, range_m)
+    return FilterRun(
+        position_rms(trace.poses, drive.truth), position_rms(trace.final_poses, drive.truth),
         position_rms(drive.odometry, drive.truth), trace_nees(trace, drive),
         trace.observed, trace.gated, trace.wrong, trace.wrong_gated, len(trace.warnings),
         1e3 * float(np.median(trace.seconds[1:])),
     ), trace  # fmt: skip
 
 
-def row_of(runs: Sequence[Ran], first: Sequence[Ran], common: int, rng: np.random.Generator) -> dict[str, Any]:
-    """What a filter did on several drives, in one row.
+def row_of(
+    runs: Sequence[FilterRun], first: Sequence[FilterRun], common: int, rng: np.random.Generator
+) -> dict[str, Any]:
+    """A filter's runs on several drives, in one row.
 
-    `first`: what the first filter did, of which it is told by how much this one is worse on the same drives, on average
-    and with the 95 % interval of that by bootstrap. `common`: the first drives, on which all filters went.
+    `first`: the runs of the first filter; `worse_m` is by how much this filter's error exceeds that one's on the same
+    drives, on average, with the 95 % interval by bootstrap. `common`: the first drives, on which all filters went.
     """
-    rms, observed = np.array([one.rms_m for one in runs]), sum(one.observed for one in runs)
-    wrong = sum(one.wrong for one in runs)
-    over_runs = np.mean(_aligned([one.nees for one in runs]), axis=0)
+    rms, observed = np.array([run.rms_m for run in runs]), sum(run.observed for run in runs)
+    wrong = sum(run.wrong for run in runs)
+    mean_nees = np.mean(_cut_to_shortest([run.nees for run in runs]), axis=0)
     low, high = nees_bounds(len(runs))
-    worse = np.array([one.rms_m - other.rms_m for one, other in zip(runs, first, strict=False)])
+    worse = np.array([run.rms_m - other.rms_m for run, other in zip(runs, first, strict=False)])
     worse_low, worse_high = bootstrap(lambda chosen: float(worse[chosen].mean()), len(worse), rng)
     return {
         "seeds": len(runs),
@@ -104,34 +139,34 @@ def row_of(runs: Sequence[Ran], first: Sequence[Ran], common: int, rng: np.rando
         "worse_m": float(worse.mean()),
         "worse_low_m": worse_low,
         "worse_high_m": worse_high,
-        "final_rms_m": float(np.mean([one.final_rms_m for one in runs])),
-        "odometry_rms_m": float(np.mean([one.odometry_rms_m for one in runs])),
-        "odometry_sigma_m": float(np.std([one.odometry_rms_m for one in runs], ddof=1)),
-        "nees": float(over_runs.mean()),
+        "final_rms_m": float(np.mean([run.final_rms_m for run in runs])),
+        "odometry_rms_m": float(np.mean([run.odometry_rms_m for run in runs])),
+        "odometry_sigma_m": float(np.std([run.odometry_rms_m for run in runs], ddof=1)),
+        "nees": float(mean_nees.mean()),
         "nees_low": low,
         "nees_high": high,
-        "nees_within": float(((low <= over_runs) & (over_runs <= high)).mean()),
-        "nees_median": float(np.median([np.median(one.nees) for one in runs])),
+        "nees_within": float(((low <= mean_nees) & (mean_nees <= high)).mean()),
+        "nees_median": float(np.median([np.median(run.nees) for run in runs])),
         "observed": observed,
-        "gated": sum(one.gated for one in runs) / max(1, observed - wrong),
+        "gated": sum(run.gated for run in runs) / max(1, observed - wrong),
         "wrong": wrong,
-        "wrong_gated": sum(one.wrong_gated for one in runs) / wrong if wrong else float("nan"),
-        "warnings": sum(one.warnings for one in runs),
+        "wrong_gated": sum(run.wrong_gated for run in runs) / wrong if wrong else float("nan"),
+        "warnings": sum(run.warnings for run in runs),
     }
 
 
-def drives_of(runs: Sequence[Ran]) -> list[dict[str, Any]]:
-    """What a filter did, drive by drive."""
+def drives_of(runs: Sequence[FilterRun]) -> list[dict[str, Any]]:
+    """A filter's runs, one row a drive."""
     return [
         {
-            "drive": number, "rms_m": one.rms_m, "final_rms_m": one.final_rms_m, "odometry_rms_m": one.odometry_rms_m,
-            "nees": float(one.nees.mean()), "observed": one.observed, "gated": one.gated,
+            "drive": number, "rms_m": run.rms_m, "final_rms_m": run.final_rms_m, "odometry_rms_m": run.odometry_rms_m,
+            "nees": float(run.nees.mean()), "observed": run.observed, "gated": run.gated,
         }
-        for number, one in enumerate(runs)
+        for number, run in enumerate(runs)
     ]  # fmt: skip
 
 
-def _aligned(series: Sequence[Floats]) -> Floats:
+def _cut_to_shortest(series: Sequence[Floats]) -> Floats:
     """As many rows, cut to the shortest: halts make drives differ in length."""
     length = min(len(one) for one in series)
     return np.array([one[:length] for one in series])
@@ -148,6 +183,6 @@ def selected(rows: Sequence[Mapping[str, Any]], **wanted: Any) -> list[Mapping[s
 
 
 def counts(rows: Sequence[Mapping[str, Any]]) -> Iterator[Metric]:
-    """What went wrong in all runs together, gated and said."""
+    """Observations, wrong ones and warnings of all runs together, as metrics."""
     for name in ("observed", "wrong", "warnings"):
         yield Metric(name, sum(row[name] for row in rows), "1")

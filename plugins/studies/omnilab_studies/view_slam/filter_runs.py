@@ -1,4 +1,4 @@
-"""A view filter on a drive: what it believed at each step, and what that amounts to."""
+"""A view filter on a simulated drive: its estimates at each step, and their errors."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ START_VARIANCE = 1e-6  # m², rad²: the first pose is known
 Watch = Callable[[int, ViewMap, Ints, Bools], None]  # step, map, the views that are observed, and which are believed
 
 
-class Trace(NamedTuple):
-    """A filter's poses, T of them, and its misfortunes."""
+class FilterTrace(NamedTuple):
+    """A filter's T poses, and its observations."""
 
-    poses: Floats  # (T, 3) when they were the last
+    poses: Floats  # (T, 3) online: each when it was the last
     covariances: Floats  # (T, 3, 3)
-    way: Floats  # (T, 3) at the end
+    final_poses: Floats  # (T, 3) of the trajectory at the end
     seconds: Floats  # (T,) of each step
     observed: int
     gated: int  # true observations that it did not believe
@@ -31,32 +31,42 @@ class Trace(NamedTuple):
     warnings: list[str]
 
 
-def follow(view_filter: ViewFilter, drive: Drive, range_m: float, watch: Watch | None = None) -> Trace:
-    """Predict, observe, take views; step by step."""
-    found = view_filter.begin(drive.truth[0], START_VARIANCE * np.eye(3))
+class FilterEstimate(NamedTuple):
+    """A filter's estimate of a trajectory of T poses and a map of N views."""
+
+    poses: Floats  # (T, 3) online
+    covariances: Floats  # (T, 3, 3)
+    views: Floats  # (N, 3) at the end
+    view_covariances: Floats  # (N, 3, 3)
+
+
+def run_filter(view_filter: ViewFilter, drive: Drive, range_m: float, watch: Watch | None = None) -> FilterTrace:
+    """Predict, observe, take views; step by step. `watch` is called after each."""
+    view_map = view_filter.begin(drive.truth[0], START_VARIANCE * np.eye(3))
     R = drive.sigma_rad**2 * np.eye(2)
-    taken, poses, seconds, said = set(drive.view_steps.tolist()), [found.pose()], [0.0], list[str]()
+    taken, poses, seconds, warnings = set(drive.view_steps.tolist()), [view_map.pose()], [0.0], list[str]()
     observed, gated, wrong, wrong_gated = 0, 0, 0, 0
     if 0 in taken:
-        found.add_view()
+        view_map.add_view()
     for step in range(1, len(drive.truth)):
         views = drive.candidates(step, range_m)
         believed, start = np.zeros(0, bool), time.perf_counter()
-        said += found.predict(drive.motions[step - 1], drive.covariances[step - 1])
+        warnings += view_map.predict(drive.motions[step - 1], drive.covariances[step - 1])
         if len(views):
-            believed, problems = found.observe(views, drive.angles_rad[step, views], np.tile(R, (len(views), 1, 1)))
-            said += problems
+            believed, more = view_map.observe(views, drive.angles_rad[step, views], np.tile(R, (len(views), 1, 1)))
+            warnings += more
             false = drive.wrong[step, views]
             observed, wrong = observed + len(views), wrong + int(false.sum())
             gated, wrong_gated = gated + int((~believed & ~false).sum()), wrong_gated + int((~believed & false).sum())
         if step in taken:
-            found.add_view()
-        poses.append(found.pose())
+            view_map.add_view()
+        poses.append(view_map.pose())
         seconds.append(time.perf_counter() - start)
         if watch:
-            watch(step, found, views, believed)
-    at, spread = (np.array(each) for each in zip(*poses, strict=True))
-    return Trace(at, spread, found.finish(), np.array(seconds), observed, gated, wrong, wrong_gated, said)
+            watch(step, view_map, views, believed)
+    online, covariances = (np.array(each) for each in zip(*poses, strict=True))
+    final = view_map.finish()
+    return FilterTrace(online, covariances, final, np.array(seconds), observed, gated, wrong, wrong_gated, warnings)
 
 
 def position_rms(poses: Floats, truth: Floats) -> float:
@@ -64,6 +74,6 @@ def position_rms(poses: Floats, truth: Floats) -> float:
     return rms(np.linalg.norm(poses[:, :2] - truth[:, :2], axis=1))
 
 
-def trace_nees(trace: Trace, drive: Drive) -> Floats:
+def trace_nees(trace: FilterTrace, drive: Drive) -> Floats:
     """NEES (T - 1,) of x, y and heading, three degrees of freedom, after the first pose, which is known."""
     return nees(errors(trace.poses, drive.truth)[1:], trace.covariances[1:])

@@ -1,4 +1,4 @@
-"""Views that outlive a run: kept as a data set, and known to another run."""
+"""Saved views: written as a data set, and known to another run from the start."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ KNOWN = "known"  # the sensor of views from before
 
 
 def check_sensors(parts: Parts) -> None:
-    """ConfigError for sensors that nobody would ask."""
+    """ConfigError for sensors that the study does not use."""
     for name in parts.sensors:
         if name != KNOWN:
-            raise ConfigError(f"sensors.{name} is not asked for anything; views from before come from sensors.{KNOWN}")
+            raise ConfigError(f"sensors.{name} is not used; views from before come from sensors.{KNOWN}")
 
 
 def known_views(parts: Parts, camera: Camera, record: Recorder) -> Iterator[Frames]:
-    """Views from before, one by one with their poses; DataError if they have none, or are another camera's."""
+    """Views from before, one by one with their poses; DataError if they have none, or are of another camera."""
     if KNOWN not in parts.sensors:
         return
     sensor = parts.sensors[KNOWN]
@@ -43,12 +43,12 @@ def known_views(parts: Parts, camera: Camera, record: Recorder) -> Iterator[Fram
             yield frames.at(i)
 
 
-class Keeper:
+class ViewWriter:
     """Writes a map's views as a data set, which the sensor `folder` reads: images as they come, poses at the end."""
 
     def __init__(self, folder: str, parts: Parts, plan: Plan, seed: int, settings: Mapping[str, Any]) -> None:
-        asked = {"odometry": parts.odometry, **parts.odometries, **parts.sensors, **parts.view_filters}
-        components = {name: component_settings(part) for name, part in asked.items()}
+        used = {"odometry": parts.odometry, **parts.odometries, **parts.sensors, **parts.view_filters}
+        components = {name: component_settings(part) for name, part in used.items()}
         self._contents = {**contents_of(parts, plan, seed), "seed": seed, "asked": components, "settings": settings}
         self._data = DataSet(Path(folder), "study.keep")
         self._data.open(self._contents)
@@ -65,7 +65,7 @@ class Keeper:
         self._heights_m.append(float(frame.T_world_camera[0, 2, 3]))
 
     def close(self, poses: Floats) -> None:
-        """Their poses (N, 3) in the map, at the heights that they were taken at."""
+        """Write their poses (N, 3) in the map, at the heights that they were taken at."""
         plan = Plan(self._keys, planar_poses(np.column_stack([poses[:, :2], self._heights_m]), poses[:, 2]))
         self._data.write_poses(np.arange(len(plan)), plan, np.array(self._stamps_ns), None)
         self._data.close(self._contents, {"views": len(plan)})

@@ -1,4 +1,4 @@
-"""Scenarios without images: a way, walls, and how good the robot's odometry is; small YAML files."""
+"""Scenarios of simulated drives, as YAML files: a path, walls, and the noise of odometry."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ NOISES = ("along_m", "across_m", "heading_deg", "turn_deg")
 
 
 class Noise(NamedTuple):
-    """Standard deviations of odometry over a metre, along, across and in heading, and over a radian of turn, in heading.
+    """Noise of odometry: standard deviations over a metre, along, across and in heading, and over a radian, in heading.
 
-    They grow with the root of what was driven.
+    They grow with the root of the length and the rotation.
     """
 
     along_m: float
@@ -31,16 +31,16 @@ class Noise(NamedTuple):
     turn_deg: float
 
     def covariances(self, motions: Floats) -> Floats:
-        """Of motions (M, 3), (M, 3, 3), each in the frame that it starts from."""
-        length, turned = np.hypot(motions[:, 0], motions[:, 1]), np.abs(motions[:, 2])
-        heading = np.radians(self.heading_deg) ** 2 * length + np.radians(self.turn_deg) ** 2 * turned
+        """Covariances (M, 3, 3) of motions (M, 3), each in the frame that it starts from."""
+        length, rotation = np.hypot(motions[:, 0], motions[:, 1]), np.abs(motions[:, 2])
+        heading = np.radians(self.heading_deg) ** 2 * length + np.radians(self.turn_deg) ** 2 * rotation
         variances = np.column_stack([self.along_m**2 * length, self.across_m**2 * length, heading])
         return np.asarray(variances[:, :, None] * np.eye(3))
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """A lap, and what stands about."""
+    """A closed path, walls, and the noise of odometry."""
 
     name: str
     lap: Floats  # (L, 3) x, y and heading, a step apart; the last is a step before the first
@@ -56,7 +56,7 @@ def shipped() -> dict[str, Path]:
 
 
 def scenario(name: str) -> Scenario:
-    """One that is shipped, or that of a file."""
+    """A shipped scenario by its name, or that of a YAML file; DataError if it has a mistake."""
     file = shipped().get(name, Path(name).expanduser())
     if not file.is_file():
         raise DataError(
@@ -86,7 +86,7 @@ def _scenario(file: Path, content: dict[str, Any]) -> Scenario:
     noise = Noise(**{name: _positive(file, f"odometry.{name}", noises[name]) for name in NOISES})
     length = np.linalg.norm(np.diff(corners, axis=0, append=corners[:1]), axis=1).sum()
     if not 8 * step_m <= length <= MAX_STEPS * step_m:
-        raise DataError(f"{file}: a way of {length:.4g} m has no 8 to {MAX_STEPS} steps of {step_m} m; change step_m")
+        raise DataError(f"{file}: a path of {length:.4g} m has no 8 to {MAX_STEPS} steps of {step_m} m; change step_m")
     return Scenario(file.stem, lap(corners, step_m), walls.reshape(-1, 2, 2), step_m, noise)
 
 
@@ -121,7 +121,7 @@ def _positive(file: Path, name: str, value: Any) -> float:
 
 
 def lap(corners_m: Floats, step_m: float) -> Floats:
-    """Poses (L, 3) round a closed way of corners (C, 2), cut off one after the other (Chaikin, 1974), headed along it."""
+    """Poses (L, 3) along a closed path of corners (C, 2), which are cut (Chaikin, 1974), headed along it."""
     line = corners_m
     for _ in range(ROUNDINGS):
         ahead = np.roll(line, -1, axis=0)

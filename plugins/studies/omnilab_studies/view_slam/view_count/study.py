@@ -1,4 +1,4 @@
-"""View filters against how many views there are (Gil et al., 2012, figure 7)."""
+"""View filters against the number of views (Gil et al., 2012, figure 7)."""
 
 from __future__ import annotations
 
@@ -8,29 +8,25 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from omnilab.api import Metric, Parts, Recorder, Report, Text
+from omnilab.api import Metric, Parts, Recorder, Report, ViewFilter
 from omnilab.errors import ConfigError
 from omnilab_studies.common.tables import markdown
 from omnilab_studies.view_slam import figures
 from omnilab_studies.view_slam.display import show_drive
-from omnilab_studies.view_slam.drives import Drives
+from omnilab_studies.view_slam.drives import Drive, Drives
 from omnilab_studies.view_slam.filter_comparison import (
-    Ran,
-    Teller,
+    FilterComparison,
     check_seeds,
     columns,
     counts,
-    drives_of,
-    ran,
-    rivals_of,
-    row_of,
+    filters_of,
     seeds_of,
     selected,
 )
 from omnilab_studies.view_slam.layout import VIEW_MAP
-from omnilab_studies.view_slam.scenarios import scenario
+from omnilab_studies.view_slam.scenarios import Scenario, scenario
 
-SHOWN = ("views", "filter", "seeds", "rms_m", "worse_m", "final_rms_m", "odometry_rms_m", "nees", "gated")
+SUMMARY_COLUMNS = ("views", "filter", "seeds", "rms_m", "worse_m", "final_rms_m", "odometry_rms_m", "nees", "gated")
 
 
 @dataclass
@@ -60,47 +56,48 @@ class ViewCount:
             raise ConfigError(f"study.range_m={self.range_m} is no range; give metres above 0")
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
-        """Drive with ever more views, filter, measure and clock."""
-        rivals, base, teller = rivals_of(parts), int(rng.integers(2**32)), Teller(record)
+        """Run every filter on the same drives, with ever more views; measure errors and time."""
+        filters, base = filters_of(parts), int(rng.integers(2**32))
         ground = scenario(self.scenario)
-        common = min(seeds_of(name, self.seeds, self.fewer_seeds) for name in rivals)
         record.log("", VIEW_MAP)
-        rows: list[dict[str, Any]] = []
-        each: list[dict[str, Any]] = []  # drive
+        comparison = FilterComparison(filters, self.seeds, self.fewer_seeds, record, rng)
         times: list[dict[str, Any]] = []
-        shown, first = next(iter(rivals)), list[Ran]()
-        cases = [(count, name) for count in self.counts for name in rivals]
+        cases = [(count, name) for count in self.counts for name in filters]
         for count, name in record.track(cases, "drive", len(cases), lambda _: 1):
-            runs = []
-            seeds = range(seeds_of(name, self.seeds, self.fewer_seeds))
-            drives = [self.drives.drive(ground, count, np.random.default_rng([base, k])) for k in seeds]
-            with record.timed(f"filter: {name}", len(drives)):
-                for drive in drives:
-                    one, trace = ran(rivals[name], drive, self.range_m)
-                    runs.append(one)
-                    teller.tell(f"{name}, {count} views", trace.warnings)
-            first = runs if name == shown else first
-            case = {"scenario": ground.name, "views": count, "filter": name}
-            rows.append({**case, **row_of(runs, first, common, rng)})
-            each += [{**case, **drive} for drive in drives_of(runs)]
-            step_ms = float(np.median([one.step_ms for one in runs]))
+            drives = self._drives(ground, count, name, base)
+            case = {"scenario": ground.name, "views": count}
+            runs = comparison.compare(name, drives, self.range_m, case, f"{count} views")
+            step_ms = float(np.median([run.step_ms for run in runs]))
             times.append({"views": count, "filter": name, "step_ms": step_ms})
-        traces = show_drive(record, rivals[shown], drives[0], ground, self.range_m)
-        record.log("summary", Text(self._summary(rows), markdown=True))
-        pictures = {
-            "counts": figures.against_count(rows, times, list(rivals)),
-            "nees": figures.consistency(rows, "views", "views N", list(rivals)),
-            "drive": figures.drive(drives[0], ground, traces, shown, self.range_m),
+        return self._report(comparison, times, filters, drives[0], ground, record)
+
+    def _drives(self, ground: Scenario, count: int, name: str, base: int) -> list[Drive]:
+        """The drives of a filter's seeds, with so many views."""
+        seeds = range(seeds_of(name, self.seeds, self.fewer_seeds))
+        return [self.drives.drive(ground, count, np.random.default_rng([base, k])) for k in seeds]
+
+    def _report(
+        self, comparison: FilterComparison, times: Sequence[Mapping[str, Any]], filters: Mapping[str, ViewFilter],
+        drive: Drive, ground: Scenario, record: Recorder,
+    ) -> Report:  # fmt: skip
+        """Metrics, tables, figures; and a drive in the logs, by the first filter."""
+        rows, names = comparison.rows, list(filters)
+        estimate = show_drive(record, filters[names[0]], drive, ground, self.range_m)
+        drawn = {
+            "counts": figures.against_count(rows, times, names),
+            "nees": figures.consistency(rows, "views", "views N", names),
+            "drive": figures.drive(drive, ground, estimate, names[0], self.range_m),
         }
         tables = {
             "counts": columns(rows),
-            "drives": columns(each),
-            "times": columns(with_exponents(times, list(rivals))),
+            "drives": columns(comparison.drive_rows),
+            "times": columns(with_exponents(times, names)),
         }
-        return Report([*_metrics(rows, list(rivals)), *counts(rows)], tables, pictures)
+        return Report([*_metrics(rows, names), *counts(rows)], tables, drawn, summary=self._summary(rows))
 
     def _summary(self, rows: Sequence[Mapping[str, Any]]) -> str:
-        table = columns([{name: row[name] for name in SHOWN} for row in rows])
+        """The rows as a Markdown table."""
+        table = columns([{name: row[name] for name in SUMMARY_COLUMNS} for row in rows])
         return "\n".join([f"## Error against the number of views, within {self.range_m:g} m", "", markdown(table)])
 
 

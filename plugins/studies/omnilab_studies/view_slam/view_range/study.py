@@ -1,4 +1,4 @@
-"""View filters against how far views are seen (Gil et al., 2012, figure 6)."""
+"""View filters against the range of observation (Gil et al., 2012, figure 6)."""
 
 from __future__ import annotations
 
@@ -8,29 +8,36 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from omnilab.api import Metric, Parts, Recorder, Report, Text
+from omnilab.api import Metric, Parts, Recorder, Report, ViewFilter
 from omnilab.errors import ConfigError
 from omnilab_studies.common.tables import markdown
 from omnilab_studies.view_slam import figures
 from omnilab_studies.view_slam.display import show_drive
-from omnilab_studies.view_slam.drives import Drives
+from omnilab_studies.view_slam.drives import Drive, Drives
 from omnilab_studies.view_slam.filter_comparison import (
-    Ran,
-    Teller,
+    FilterComparison,
     check_seeds,
     columns,
     counts,
-    drives_of,
-    ran,
-    rivals_of,
-    row_of,
+    filters_of,
     seeds_of,
     selected,
 )
 from omnilab_studies.view_slam.layout import VIEW_MAP
-from omnilab_studies.view_slam.scenarios import scenario
+from omnilab_studies.view_slam.scenarios import Scenario, scenario
 
-SHOWN = ("scenario", "range_m", "filter", "seeds", "rms_m", "worse_m", "final_rms_m", "odometry_rms_m", "nees", "gated")
+SUMMARY_COLUMNS = (
+    "scenario",
+    "range_m",
+    "filter",
+    "seeds",
+    "rms_m",
+    "worse_m",
+    "final_rms_m",
+    "odometry_rms_m",
+    "nees",
+    "gated",
+)
 
 
 @dataclass
@@ -67,39 +74,44 @@ class ViewRange:
             )
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
-        """Drive, filter, measure: every scenario, range and filter on the same drives."""
-        rivals, base, teller = rivals_of(parts), int(rng.integers(2**32)), Teller(record)
+        """Run every filter on the same drives, in every scenario and at every range; measure."""
+        filters, base = filters_of(parts), int(rng.integers(2**32))
         grounds = [scenario(name) for name in self.scenarios]
-        common = min(seeds_of(name, self.seeds, self.fewer_seeds) for name in rivals)
         record.log("", VIEW_MAP)
-        rows: list[dict[str, Any]] = []
-        each: list[dict[str, Any]] = []  # drive
-        shown, first = next(iter(rivals)), list[Ran]()
+        comparison = FilterComparison(filters, self.seeds, self.fewer_seeds, record, rng)
         for ground in grounds:
-            drives = [
-                self.drives.drive(ground, self.views, np.random.default_rng([base, k])) for k in range(self.seeds)
-            ]
-            cases = [(range_m, name) for range_m in self.ranges_m for name in rivals]
-            for range_m, name in record.track(cases, f"drive: {ground.name}", len(cases), lambda _: 1):
-                runs = []
-                with record.timed(f"filter: {name}", seeds_of(name, self.seeds, self.fewer_seeds)):
-                    for drive in drives[: seeds_of(name, self.seeds, self.fewer_seeds)]:
-                        one, trace = ran(rivals[name], drive, range_m)
-                        runs.append(one)
-                        teller.tell(f"{name}, {ground.name}, {range_m:g} m", trace.warnings)
-                first = runs if name == shown else first
-                case = {"scenario": ground.name, "range_m": range_m, "filter": name}
-                rows.append({**case, **row_of(runs, first, common, rng)})
-                each += [{**case, **drive} for drive in drives_of(runs)]
-        traces = show_drive(record, rivals[shown], drives[0], ground, self.shown_range_m)
-        record.log("summary", Text(self._summary(rows), markdown=True))
-        pictures = {
-            "ranges": figures.against_range(rows, list(rivals)),
-            "nees": figures.consistency(rows, "range_m", "range of observation [m]", list(rivals)),
-            "drive": figures.drive(drives[0], ground, traces, shown, self.shown_range_m),
+            drives = self._drives(ground, base)
+            self._compare(comparison, ground, drives, list(filters), record)
+        return self._report(comparison, filters, drives[0], ground, record)
+
+    def _drives(self, ground: Scenario, base: int) -> list[Drive]:
+        """The drives of all seeds through a scenario."""
+        return [self.drives.drive(ground, self.views, np.random.default_rng([base, k])) for k in range(self.seeds)]
+
+    def _compare(
+        self, comparison: FilterComparison, ground: Scenario, drives: list[Drive], names: list[str], record: Recorder
+    ) -> None:
+        """Every filter at every range on the drives of a scenario."""
+        cases = [(range_m, name) for range_m in self.ranges_m for name in names]
+        for range_m, name in record.track(cases, f"drive: {ground.name}", len(cases), lambda _: 1):
+            own = drives[: seeds_of(name, self.seeds, self.fewer_seeds)]
+            case = {"scenario": ground.name, "range_m": range_m}
+            comparison.compare(name, own, range_m, case, f"{ground.name}, {range_m:g} m")
+
+    def _report(
+        self, comparison: FilterComparison, filters: Mapping[str, ViewFilter], drive: Drive, ground: Scenario,
+        record: Recorder,
+    ) -> Report:  # fmt: skip
+        """Metrics, tables, figures; and a drive in the logs, by the first filter."""
+        rows, names = comparison.rows, list(filters)
+        estimate = show_drive(record, filters[names[0]], drive, ground, self.shown_range_m)
+        drawn = {
+            "ranges": figures.against_range(rows, names),
+            "nees": figures.consistency(rows, "range_m", "range of observation [m]", names),
+            "drive": figures.drive(drive, ground, estimate, names[0], self.shown_range_m),
         }
-        tables = {"ranges": columns(rows), "drives": columns(each)}
-        return Report([*self._metrics(rows, list(rivals)), *counts(rows)], tables, pictures)
+        tables = {"ranges": columns(rows), "drives": columns(comparison.drive_rows)}
+        return Report([*self._metrics(rows, names), *counts(rows)], tables, drawn, summary=_summary(rows))
 
     def _metrics(self, rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> list[Metric]:
         """Where each filter converges, and how it does at the longest range."""
@@ -129,6 +141,8 @@ class ViewRange:
         last_bad = max((i for i, one in enumerate(good) if not one), default=-1)
         return float(rows[last_bad + 1]["range_m"])
 
-    def _summary(self, rows: Sequence[Mapping[str, Any]]) -> str:
-        table = columns([{name: row[name] for name in SHOWN} for row in rows])
-        return "\n".join(["## Error against the range of observation", "", markdown(table)])
+
+def _summary(rows: Sequence[Mapping[str, Any]]) -> str:
+    """The rows as a Markdown table."""
+    table = columns([{name: row[name] for name in SUMMARY_COLUMNS} for row in rows])
+    return "\n".join(["## Error against the range of observation", "", markdown(table)])
