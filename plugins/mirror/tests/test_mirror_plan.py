@@ -154,3 +154,11 @@ def test_registers_as_mirror():
 def test_import_is_light():
     code = "import sys, omnilab_mirror; print(sorted({'numba', 'cv2', 'yaml', 'scipy'} & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+def test_worlds_as_data_load_without_the_renderer():
+    code = (
+        "import sys; from omnilab_mirror.scene.load import load_world; load_world('room');"
+        " print([name for name in sys.modules if name.startswith('omnilab_mirror.render')])"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"

@@ -15,11 +15,13 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, wrap_angle
 from omnilab.runner.cli import main
 from omnilab_mirror import Mirror
-from omnilab_mirror.scene.lint import warnings_of
+from omnilab_mirror.lint import warnings_of
+from omnilab_mirror.render.free_space import obstacles
+from omnilab_mirror.render.prepared_world import baked_pictures
+from omnilab_mirror.scene.load import load_world, shipped
 from omnilab_mirror.scene.objects import OBJECTS
 from omnilab_mirror.scene.paths import Route
 from omnilab_mirror.scene.textures.procedural import TEXTURES
-from omnilab_mirror.scene.world import load_world, shipped
 from omnilab_mirror.scene.world_yaml import Section
 
 DOCS = (Path(__file__).parents[3] / "docs" / "worlds.md").read_text(encoding="utf-8")
@@ -59,8 +61,8 @@ def test_variants_change_what_they_name_and_nothing_else(write):
     gone, more = load_world(file, "gone"), load_world(file, "more")
     assert {solid.name for solid in gone.solids} == {"chest"}
     assert {solid.name for solid in more.solids} == {"crate", "chest", "parcel"}
-    before = {face.seed: picture for face, picture in zip(plain.faces, plain.pictures, strict=True)}
-    for face, picture in zip(gone.faces, gone.pictures, strict=True):
+    before = {face.seed: picture for face, picture in zip(plain.quads, baked_pictures(plain), strict=True)}
+    for face, picture in zip(gone.quads, baked_pictures(gone), strict=True):
         assert np.array_equal(picture, before[face.seed])  # the rug, too, which comes after the crate
     blue = load_world(file, "blue")
     assert blue.solids[0].place.at[0] == 0.2
@@ -138,7 +140,7 @@ def test_the_thesis_s_paths_have_their_images_and_are_free(world, path, count):
     plan = Mirror(world=world).plan(NamedPath(path))
     assert len(plan) == count
     assert (plan.T_world_camera[:, 2, 3] == 1).all()
-    assert not any(load_world(world).obstacles(plan.T_world_camera[:, :3, 3], on_floor=True))
+    assert not any(obstacles(load_world(world), plan.T_world_camera[:, :3, 3], on_floor=True))
     raised = Mirror(world=world).plan(NamedPath(path, height_m=1.3))
     assert (raised.T_world_camera[:, 2, 3] == 1.3).all()
 
@@ -162,7 +164,7 @@ def test_paths_that_are_not_there(write):
 def test_shipped_worlds_are_sound_in_all_variants(name):
     for variant in (None, *load_world(name).variants):
         world = load_world(name, variant)
-        assert len(world.faces) < 1000
+        assert len(world.quads) < 1000
         warnings = list(warnings_of(world))
         if (name, variant) == ("corridor", "doors closed"):
             route, two_rooms = warnings

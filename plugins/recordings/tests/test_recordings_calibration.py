@@ -26,7 +26,7 @@ from omnilab.image import mirror_view, panorama
 from omnilab_recordings import Folder
 from omnilab_recordings.folder import OnBadImage
 from omnilab_recordings.positions import read_positions
-from omnilab_recordings.trajectory import read_trajectory
+from omnilab_recordings.trajectory_poses import poses_of_images
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 AMIENS = UnifiedCamera(
@@ -281,7 +281,7 @@ def test_a_trajectory_goes_with_stamps_in_names(tmp_path_factory, ticks, off_ms,
     lines = [f"{ms / 1000:.3f} {ms} 0 0 0 0 0 1" for ms in stamps_ms]
     shuffle.shuffle(lines)
     file.write_text("\n".join(lines))
-    found = read_trajectory(file, [f"{(ms + off_ms) / 1000:.6f}.png" for ms in stamps_ms])
+    found = poses_of_images(file, [f"{(ms + off_ms) / 1000:.6f}.png" for ms in stamps_ms])
     assert found.position_m[:, 0].tolist() == stamps_ms
 
 

@@ -54,7 +54,7 @@ def test_rows_without_stamps_are_those_of_the_plan(tmp_path):
 
 
 def test_too_short_a_file_is_told(tmp_path):
-    with pytest.raises(DataError, match=r"has 4 poses and no stamps, and image 5 is asked for; give a pose"):
+    with pytest.raises(DataError, match=r"has 4 poses and no stamps, and image 5 is requested; give a pose"):
         table(tmp_path).extract(frames((0, 1), rows=[3, 4]))
 
 
