@@ -142,7 +142,7 @@ def test_a_pattern_runs_through_behind_the_openings(built):
         ("kind: tree, at: [0, 0], size: [1, 3], trunk_m: 4", "trunk_m=4; expected a finite number from 0.01 to 3"),
     ],
 )
-def test_what_cannot_be_built_is_told(built, objects, message):
+def test_what_cannot_be_built_is_reported(built, objects, message):
     with pytest.raises(DataError, match=message):
         built(objects)
 

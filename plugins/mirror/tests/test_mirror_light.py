@@ -20,7 +20,7 @@ LANTERN = Paint(GREY.painter, glows=True)
 
 
 def level(x, y, z, width, depth, paint=GREY):
-    """A face that looks up, around (x, y)."""
+    """A quad that faces up, around (x, y)."""
     return Quad(np.array([x - width / 2, y - depth / 2, z]), np.array([width, 0, 0]), np.array([0, depth, 0]), paint)
 
 

@@ -83,7 +83,7 @@ OBJ = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl i
         ("a.stl", "solid", "ending '.stl'; meshes are read from .obj, .glb and .ply"),
     ],
 )  # fmt: skip
-def test_bad_mesh_files_are_told_in_a_sentence(write, name, content, sentence):
+def test_bad_mesh_files_are_reported_in_a_sentence(write, name, content, sentence):
     with pytest.raises(DataError, match=sentence):
         load_world(write(content, name))
 
@@ -122,7 +122,7 @@ def test_grey_stands_in_for_textures_that_cannot_be_had(write, tmp_path, caplog,
     assert np.all(mesh.pictures[mesh.picture[0]] == mesh_materials.GREY)
 
 
-def test_a_picture_inside_a_glb_that_cannot_be_opened_is_told(tmp_path):
+def test_a_picture_inside_a_glb_that_cannot_be_opened_is_reported(tmp_path):
     image = Image.fromarray(np.random.default_rng(0).integers(0, 255, (32, 32, 3), np.uint8))
     image.format = "PNG"
     visual = TextureVisuals(np.zeros((3, 2)), material=PBRMaterial(baseColorTexture=image))

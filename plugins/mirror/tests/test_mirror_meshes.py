@@ -316,9 +316,9 @@ def test_the_bookstore_is_a_world():
     sensor = Mirror(world=str(BOOKSTORE), size=125)
     plan = sensor.plan(GridPoses(step_m=0.5))
     assert 300 < len(plan) < 700
-    told = " ".join(plan.omitted)
+    sentences = " ".join(plan.omitted)
     for name in ("DeskB", "BookshelfA", "RetailShopWall"):
-        assert name in told
+        assert name in sentences
     world = load_world(str(BOOKSTORE))
     assert len(world.meshes[0]) == 118_189
     assert world.notes == []

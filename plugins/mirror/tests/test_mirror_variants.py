@@ -92,7 +92,7 @@ def test_variants_are_part_of_the_images_names(write):
         ("{ambient: 0.1", "{ambient: -1", "line 18: .*ambient=-1"),
     ],
 )
-def test_mistakes_in_variants_are_told_with_their_line(write, old, new, message):
+def test_mistakes_in_variants_are_reported_with_their_line(write, old, new, message):
     file = write(VARIED.replace(old, new))
     variants = load_world(file).variants  # without them, it is used
     with pytest.raises(DataError, match=message):
@@ -217,7 +217,7 @@ def test_the_command_tells_everything_that_is_wrong_at_once(capsys, write):
         ("ambient: 0.5\n  lamps:\n    - {name: left, at: [-1, 0, 2]}\n    - {name: right, at: [1, 0, 2]}", "ambient: 0", "everything is black"),
     ],
 )  # fmt: skip
-def test_what_can_be_rendered_but_was_hardly_meant_is_told(write, old, new, warning):
+def test_what_can_be_rendered_but_was_hardly_meant_is_reported(write, old, new, warning):
     assert old in VARIED
     assert not list(warnings_of(load_world(write(VARIED))))
     found = list(warnings_of(load_world(write(VARIED.replace(old, new)))))
@@ -227,12 +227,12 @@ def test_what_can_be_rendered_but_was_hardly_meant_is_told(write, old, new, warn
 
 # ----------------------------------------------------------------------------------------------------------- documents
 def test_the_reference_names_every_kind_and_every_key(monkeypatch, tmp_path):
-    asked: set[tuple[str, str]] = set()
+    requested: set[tuple[str, str]] = set()
     value = Section.value
 
     def noted(self, key, *default):
         if "kind" in self and isinstance(kind := value(self, "kind"), str):
-            asked.add((kind if self.title.startswith(("object", "added")) else f"texture {kind}", key))
+            requested.add((kind if self.title.startswith(("object", "added")) else f"texture {kind}", key))
         return value(self, key, *default)
 
     monkeypatch.setattr(Section, "value", noted)
@@ -243,7 +243,7 @@ def test_the_reference_names_every_kind_and_every_key(monkeypatch, tmp_path):
     objects, textures = DOCS.split("## Textures")
     common = {"kind", "name", "glows"}
     checked = set()
-    for kind, key in asked:
+    for kind, key in requested:
         kind_, part = kind.removeprefix("texture "), textures if kind.startswith("texture ") else objects
         row = re.search(rf"^\| `{kind_}` \|(.*)\|$", part, flags=re.MULTILINE)
         assert row, f"docs/worlds.md has no row for {kind}"

@@ -57,7 +57,7 @@ SQUARE = "[[-1, 1, 0], [1, 1, 0], [1, 1, 1], [-1, 1, 1]]"
         ("texels_per_m: 32", "seed: " + 5000 * "1", "seed"),
     ],
 )
-def test_a_mistake_is_told_with_line_and_key(write, small, old, new, message):
+def test_a_mistake_is_reported_with_line_and_key(write, small, old, new, message):
     assert small.count(old) == 1
     file = write(small.replace(old, new))
     with pytest.raises(DataError, match=message) as error:
