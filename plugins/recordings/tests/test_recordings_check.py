@@ -27,7 +27,7 @@ def run(tmp_path_factory, capsys, monkeypatch):
 
     def run(folder, *options, draw=False):
         if not draw:
-            monkeypatch.setattr("omnilab_recordings.command.write_sheet", lambda *_: None)
+            monkeypatch.setattr("omnilab_recordings.command.write_report_picture", lambda *_: None)
         picture = tmp_path_factory.mktemp("out") / "found.png"
         before = sorted(Path(folder).rglob("*"))
         assert check([str(folder), "-o", str(picture), *options]) == 0

@@ -40,8 +40,8 @@ SETS = [
         "t1152637022.476384_x0.250000_y-1.500000_a1.570796.jpeg": (0.25, -1.5, 0, 90),
         "t1152637022.676384_x0.250000_y-1.500000_a-0.785398.jpeg": (0.25, -1.5, 0, -45)}),
     ("utm", {}, {
-        "@0543256.96@4178906.70@10@S@037.75@-122.50@pano-790201311.jpg": (543256.96, 4178906.70, 0, 0),
-        "@0543256.96@4178906.70@10@S@037.75@-122.50@pano-70201311.jpg": (543256.96, 4178906.70, 0, 90)}),
+        "@0543256.96@4178906.70@10@S@037.75@-122.50@pano-7@@90@@@@201311@@.jpg": (543256.96, 4178906.70, 0, 0),
+        "@0543256.96@4178906.70@10@S@037.75@-122.50@pano-7@@0@@@@201311@@.jpg": (543256.96, 4178906.70, 0, 90)}),
     ("utm", {}, {"@100.5@200@whatever@.jpg": (100.5, 200, 0, 0), "@101@200@else@.jpg": (101, 200, 0, 0)}),
 ]  # fmt: skip
 
@@ -102,7 +102,7 @@ def test_names_that_cannot_be_meant(settings, sentence):
 
 @pytest.mark.parametrize(("files", "names", "sentence"), [
     (["a_1_2.png", "b.png", "c.png"], "bielefeld", r"2 of 3 image names do not match names=.* \(b\.png, c\.png\); .*narrow sensor\.pattern"),
-    (["@1@2@3@4@5@6@7@8@90@.jpg", "@2@2@3@4@5@6@7@8.jpg"], "utm", r"1 of 2 image names do not have a value for heading_deg \(@2@2"),
+    (["@1@2@3@4@5@6@7@8@90@.jpg", "@2@2@3@4@5@6@7@8@@.jpg"], "utm", r"1 of 2 image names do not have a value for heading_deg \(@2@2"),
     (["@1@two@.jpg"], "utm", r"has y_m='two', which is no number"),
     (["a_1_2.png", "b_1_2.png"], "bielefeld", r"a_1_2\.png and b_1_2\.png have one pose by their names; .*\?P<view>"),
 ])  # fmt: skip
