@@ -116,7 +116,7 @@ def test_paths_are_evenly_spaced_and_lie_on_their_lines(seed, count, closed):
     assert len(T) == max(1, round(length / 0.05)) + (not closed)
     assert np.allclose(T[0, :3, 3], [*points[0], 1.2])
     step = np.linalg.norm(np.diff(T[:, :2, 3], axis=0), axis=1)
-    assert step.max() < 0.055  # a corner makes the way shorter, never longer
+    assert step.max() < 0.055  # a corner makes the path shorter, never longer
     assert np.median(step) == pytest.approx(length / max(1, round(length / 0.05)), rel=1e-6) or count > 4
 
 

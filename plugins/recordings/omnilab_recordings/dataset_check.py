@@ -169,7 +169,7 @@ def of_moving_horizon(camera: ImageCircle, found: Horizon) -> Finding:
     outward = 1 - found.level if camera.sky_inside else found.level
     at = f"about {ring.inner + outward * (ring.radius - ring.inner):.0f} px from the centre: things rise on one side, sink on the other"
     if found.upright is None:
-        return Finding("horizon", "?", f"{at}; equally fast, so which side is up cannot be told")
+        return Finding("horizon", "?", f"{at}; equally fast, so which side is up cannot be decided")
     if found.upright:
         return Finding("horizon", "ok", f"{at}, faster on the {_side(camera, above=False)}, the ground's")
     return Finding("horizon", "look",

@@ -1,4 +1,4 @@
-"""What rendering makes of a world before the first ray, once for each world: lit pictures, atlases, Embree's tree."""
+"""Prepared world: lit pictures, atlases and Embree's tree, made before the first ray and once for each world."""
 
 from __future__ import annotations
 
