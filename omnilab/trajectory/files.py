@@ -20,7 +20,7 @@ MOST_POSES = 2_000_000
 TUM = ("t", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 POSITION = ("x_m", "y_m", "z_m")
 MATRIX = tuple(f"r{i}{j}" for i in range(3) for j in range(3))
-# what may tell a rotation, the most telling first: positions.csv of a data set has both a matrix and a heading
+# the columns that may give a rotation, the most exact first: positions.csv of a data set has both a matrix and a heading
 ROTATIONS: Mapping[tuple[str, ...], Callable[[Floats], Floats]] = {
     MATRIX: lambda values: values.reshape(-1, 3, 3),
     TUM[4:]: rotation_of_quaternion,
@@ -37,17 +37,30 @@ class Trajectory:
     stamps_ns: Ints | None  # (N,)
 
 
-def read_trajectory(file: Path) -> Trajectory:
+class PoseLineError(DataError):
+    """A line of a file that is no pose: its number, and its values as text."""
+
+    def __init__(self, sentence: str, number: int, values: Sequence[str]) -> None:
+        super().__init__(sentence)
+        self.number, self.values = number, values
+
+
+class NoPoseError(DataError):
+    """A file without poses."""
+
+
+def read_trajectory(file: Path, lenient: bool = False) -> Trajectory:
     """Poses of a CSV (`*.csv`) with a header, or else of a file in TUM's format: `t tx ty tz qx qy qz qw`.
 
     A CSV has x_m, y_m, z_m and, for the rotation, one of: r00 ... r22; qx, qy, qz, qw; rx_deg, ry_deg, rz_deg in the
     order of `geometry.rotation_xyz`; yaw_deg; without any, the camera stands upright at heading 0. stamp_ns is when.
-    DataError names line and column of what is missing or wrong.
+    `lenient`: quaternions may have any length above 0, and comments any encoding.
+    DataError names line and column of what is missing or wrong, PoseLineError where it is one line.
     """
     try:
         if file.stat().st_size > LARGEST_FILE:
             raise DataError(f"{file} is larger than {LARGEST_FILE >> 20} MiB; split the path")
-        with file.open(newline="", encoding="utf-8-sig") as stream:
+        with file.open(newline="", encoding="utf-8-sig", errors="replace" if lenient else "strict") as stream:
             table = _Table(file, _csv(file, stream) if file.suffix.lower() == ".csv" else _tum(stream))
     except OSError as error:
         raise DataError(
@@ -56,7 +69,7 @@ def read_trajectory(file: Path) -> Trajectory:
     except (UnicodeDecodeError, csv.Error) as error:
         raise DataError(f"{file} is no text of poses ({error}); write TUM's format or a CSV") from None
     position = table.floats(TUM[1:4] if "tx" in table.header else POSITION)
-    return Trajectory(poses(position, _rotations(table)), table.stamps_ns())
+    return Trajectory(poses(position, _rotations(table, lenient)), table.stamps_ns())
 
 
 Line = tuple[int, Sequence[str]]  # its number, and its values as text
@@ -86,33 +99,34 @@ class _Table:
         self.file = file
         _, self.header = next(lines)
         self.lines: list[Line] = []
-        for number, row in lines:
-            if len(row) != len(self.header):
-                raise self.error(number, f"has {len(row)} values", f"write {len(self.header)}: {' '.join(self.header)}")
-            self.lines.append((number, row))
+        for line in lines:
+            if len(line[1]) != len(self.header):
+                problem, remedy = f"has {len(line[1])} values", f"write {len(self.header)}: {' '.join(self.header)}"
+                raise self.error(line, problem, remedy)
+            self.lines.append(line)
             if len(self.lines) > MOST_POSES:
                 raise DataError(f"{file} has more than {MOST_POSES} poses; split the path")
         if not self.lines:
-            raise DataError(f"{file} holds no pose; write one in each line")
+            raise NoPoseError(f"{file} holds no pose; write one in each line")
 
-    def error(self, line: int, problem: str, remedy: str) -> DataError:
-        return DataError(f"line {line} of {self.file} {problem}; {remedy}")
+    def error(self, line: Line, problem: str, remedy: str) -> PoseLineError:
+        number, values = line
+        return PoseLineError(f"line {number} of {self.file} {problem}; {remedy}", number, values)
 
-    def texts(self, column: str) -> Iterator[tuple[int, str]]:
-        """Line number and text of each value of a column; DataError for one that is no finite number."""
+    def texts(self, column: str) -> Iterator[tuple[Line, str]]:
+        """Line and text of each value of a column; DataError for one that is no finite number."""
         if column not in self.header:
             raise DataError(f"{self.file} has no column {column}, only {', '.join(self.header) or 'none'}; add it")
         place = list(self.header).index(column)
-        for line, row in self.lines:
+        for line in self.lines:
+            value = line[1][place]
             try:
-                usable = math.isfinite(float(row[place]))
+                usable = math.isfinite(float(value))
             except ValueError:
                 usable = False
             if not usable:
-                raise self.error(
-                    line, f"has {column}={row[place].strip()!r} (column {place + 1})", "write a finite number"
-                )
-            yield line, row[place]
+                raise self.error(line, f"has {column}={value.strip()!r} (column {place + 1})", "write a finite number")
+            yield line, value
 
     def floats(self, columns: Sequence[str]) -> Floats:
         """Values (N, columns)."""
@@ -131,13 +145,13 @@ class _Table:
         return np.array(stamps, np.int64)
 
 
-def _rotations(table: _Table) -> Floats:
+def _rotations(table: _Table, lenient: bool) -> Floats:
     """Rotations (N, 3, 3)."""
     for columns, rotation in ROTATIONS.items():
         absent = [name for name in columns if name not in table.header]
         if not absent:
             values = table.floats(columns)
-            _check_rotations(table, columns, values)
+            _check_rotations(table, columns, values, lenient)
             return rotation(values)
         if len(absent) < len(columns):
             raise DataError(
@@ -146,20 +160,21 @@ def _rotations(table: _Table) -> Floats:
     return np.tile(np.eye(3), (len(table.lines), 1, 1))
 
 
-def _check_rotations(table: _Table, columns: Sequence[str], values: Floats) -> None:
-    """DataError for a quaternion whose length is off by 1 %, or a matrix that does not turn."""
+def _check_rotations(table: _Table, columns: Sequence[str], values: Floats, lenient: bool) -> None:
+    """DataError for a quaternion whose length is off by 1 % (lenient: 0), or a matrix that is no rotation."""
     if columns == MATRIX:
         R = values.reshape(-1, 3, 3)
         wrong = (np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)) > 1e-6).any((1, 2)) | (np.linalg.det(R) < 0)
     elif columns == TUM[4:]:
-        wrong = np.abs(np.linalg.norm(values, axis=1) - 1) > 0.01
+        length = np.linalg.norm(values, axis=1)
+        wrong = length == 0 if lenient else np.abs(length - 1) > 0.01
     else:
         return
     if wrong.any():
         row = int(wrong.argmax())
         kind = "no rotation matrix" if columns == MATRIX else "no unit quaternion"
         raise table.error(
-            table.lines[row][0], f"has {columns[0]} to {columns[-1]} = {values[row].tolist()}, {kind}", "normalise it"
+            table.lines[row], f"has {columns[0]} to {columns[-1]} = {values[row].tolist()}, {kind}", "normalise it"
         )
 
 

@@ -11,7 +11,8 @@ import pytest
 from omnilab.api import RandomPoses
 from omnilab_mirror import Mirror
 from omnilab_mirror.render.embree import bundles_of
-from omnilab_mirror.scene.world import load_world
+from omnilab_mirror.render.prepared_world import embree_of
+from omnilab_mirror.scene.load import load_world
 
 BOOKSTORE = Path(__file__).parents[3] / "shared/data/aws_bookstore/bookstore.obj"
 IMAGES, ROUNDS = 32, 5
@@ -30,7 +31,7 @@ def seconds(work) -> tuple[float, float]:
 @pytest.mark.parametrize("color", [False, True], ids=["grey", "colour"])
 def test_bench_meshes(benchmark, color):
     sensor = Mirror(world=str(BOOKSTORE), color=color, samples=1)
-    plan, embree = sensor.plan(RandomPoses(IMAGES, seed=1)), load_world(str(BOOKSTORE)).embree
+    plan, embree = sensor.plan(RandomPoses(IMAGES, seed=1)), embree_of(load_world(str(BOOKSTORE)))
     (bundle,) = bundles_of(sensor.camera, 1)
     rays = [embree.trace(bundle, T) for T in plan.T_world_camera]
 

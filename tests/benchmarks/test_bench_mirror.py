@@ -7,7 +7,8 @@ import pytest
 
 from omnilab.api import RandomPoses
 from omnilab_mirror import Conical, Equirectangular, Mirror, Pinhole, Spherical, Stereo
-from omnilab_mirror.scene.world import load_world
+from omnilab_mirror.render.prepared_world import baked_pictures
+from omnilab_mirror.scene.load import load_world
 
 IMAGES = 64
 
@@ -57,7 +58,7 @@ def numpy_image(sensor: Mirror, T_world_camera):
     d = sensor.camera.directions(np.stack([u, v], -1).astype(float)) @ T_world_camera[:3, :3].T
     nearest, image = np.zeros(d.shape[:2]), np.zeros(d.shape[:2], np.uint8)
     world = load_world(sensor.world)
-    for face, picture in zip(world.faces, world.pictures, strict=True):
+    for face, picture in zip(world.quads, baked_pictures(world), strict=True):
         w, x, y = np.moveaxis(
             d @ np.linalg.inv(np.stack([face.corner - T_world_camera[:3, 3], face.u, face.v], 1)).T, -1, 0
         )
@@ -82,13 +83,13 @@ def test_bench_mirror_in_a_loop(benchmark, poses):
 def loop_image(sensor: Mirror, T_world_camera):
     """A grey image as the thesis's listings make it: pixel by pixel, face by face."""
     world = load_world(sensor.world)
-    inverses = [np.linalg.inv(np.stack([f.corner - T_world_camera[:3, 3], f.u, f.v], 1)).tolist() for f in world.faces]
+    inverses = [np.linalg.inv(np.stack([f.corner - T_world_camera[:3, 3], f.u, f.v], 1)).tolist() for f in world.quads]
     image = np.zeros((sensor.size, sensor.size), np.uint8)
     for v in range(sensor.size):
         for u in range(sensor.size):
             d = (T_world_camera[:3, :3] @ sensor.camera.directions(np.array([u, v], float))).tolist()
             nearest = 0.0
-            for (r0, r1, r2), picture in zip(inverses, world.pictures, strict=True):
+            for (r0, r1, r2), picture in zip(inverses, baked_pictures(world), strict=True):
                 w = r0[0] * d[0] + r0[1] * d[1] + r0[2] * d[2]
                 x = r1[0] * d[0] + r1[1] * d[1] + r1[2] * d[2]
                 y = r2[0] * d[0] + r2[1] * d[1] + r2[2] * d[2]

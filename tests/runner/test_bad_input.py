@@ -89,7 +89,8 @@ def test_settings(refused, tmp_path, arguments, told):
 def test_commands(refused, word):
     sentence = refused(word)
     assert f"'{word}' is no command" in sentence
-    assert "plugins, runs, view, repeat, repair" in sentence
+    assert "plugins, runs, repeat, repair, " in sentence
+    assert ", view, " in sentence
 
 
 def test_a_mistake_in_a_sweep_is_told_before_it_starts(refused, tmp_path):

@@ -1,4 +1,4 @@
-"""An MCAP file in the making."""
+"""Writer of an MCAP log."""
 
 from __future__ import annotations
 

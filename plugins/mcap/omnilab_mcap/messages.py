@@ -86,7 +86,7 @@ def distance_field(record: api.DistanceField, topic: str, tick: Tick) -> Topics:
 def pose(record: api.Pose, topic: str, tick: Tick) -> Topics:
     (at,) = poses(record.T_world_camera[None])
     yield topic, PoseInFrame(timestamp=stamp(tick), frame_id=WORLD, pose=at)
-    # Rerun looks for a picture of the frame X in X_image_plane, and shows nothing in 3-D while that hangs in the air
+    # Rerun expects a picture of the frame X in X_image_plane, and shows nothing in 3-D while that hangs in the air
     carrier = topic.split("/")[1]
     plane = transform(carrier, f"{carrier}_image_plane", IDENTITY, tick)
     yield "/tf", FrameTransforms(transforms=[transform(WORLD, carrier, at, tick), plane])
@@ -94,12 +94,12 @@ def pose(record: api.Pose, topic: str, tick: Tick) -> Topics:
 
 @messages.register
 def estimate(record: api.Estimate, topic: str, tick: Tick) -> Topics:
-    told = schema.Estimate(timestamp=stamp(tick), step=tick.step, verdict=record.verdict)
-    told.truth_m.x, told.truth_m.y, told.truth_m.z = record.truth_m.tolist()
-    told.answer_m.x, told.answer_m.y, told.answer_m.z = record.answer_m.tolist()
-    told.truth_heading_rad = record.truth_heading_rad
-    told.answer_heading_rad = math.nan if record.answer_heading_rad is None else record.answer_heading_rad
-    yield topic, told
+    message = schema.Estimate(timestamp=stamp(tick), step=tick.step, verdict=record.verdict)
+    message.truth_m.x, message.truth_m.y, message.truth_m.z = record.truth_m.tolist()
+    message.answer_m.x, message.answer_m.y, message.answer_m.z = record.answer_m.tolist()
+    message.truth_heading_rad = record.truth_heading_rad
+    message.answer_heading_rad = math.nan if record.answer_heading_rad is None else record.answer_heading_rad
+    yield topic, message
     alone = api.Answers(record.truth_m[None], record.answer_m[None], [record.verdict])
     yield from answers(alone, f"{topic}/line", tick)
 

@@ -1,4 +1,4 @@
-"""Mending the log of a run that was killed."""
+"""Repair of the MCAP log of a run that was killed."""
 
 from __future__ import annotations
 

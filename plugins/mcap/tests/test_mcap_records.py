@@ -144,10 +144,10 @@ def test_estimate_without_heading(topics):
 def test_answers(topics, records):
     update = only(topics, "/answers", "foxglove.SceneUpdate")
     ends = np.stack([records["/answers"].truth_m, records["/answers"].answer_m], axis=1)
-    told = segments(update)
-    assert set(told) == {"nearest", "wrong"}
-    np.testing.assert_array_equal(told["nearest"], ends[[0, 2]])
-    np.testing.assert_array_equal(told["wrong"], ends[[1]])
+    shown = segments(update)
+    assert set(shown) == {"nearest", "wrong"}
+    np.testing.assert_array_equal(shown["nearest"], ends[[0, 2]])
+    np.testing.assert_array_equal(shown["wrong"], ends[[1]])
     assert {entity.frame_id for entity in update.entities} == {"world"}
     assert {line.type for entity in update.entities for line in entity.lines} == {2}  # LINE_LIST
 
@@ -176,8 +176,8 @@ def test_series(topics, records):
 
 
 def test_text(topics):
-    told = only(topics, "/log", "foxglove.Log")
-    assert (told.message, told.name, told.Level.Name(told.level)) == ("the map is ready", "/log", "WARNING")
+    line = only(topics, "/log", "foxglove.Log")
+    assert (line.message, line.name, line.Level.Name(line.level)) == ("the map is ready", "/log", "WARNING")
 
 
 def test_what_concerns_screens_is_left_out(topics, records):

@@ -36,27 +36,27 @@ def unfinished(tmp_path_factory):
 def mended(folder, data, read):
     """What `repair` says of a file, and the texts of /log afterwards."""
     (folder / "run.mcap").write_bytes(data)
-    told = McapSink().repair(folder)
+    sentence = McapSink().repair(folder)
     assert [path.name for path in folder.iterdir()] == ["run.mcap"]
     with (folder / "run.mcap").open("rb") as file:
         assert make_reader(file).get_summary() is not None
-    return told, [entry.decoded.message for entry in read(folder / "run.mcap")["/log"]]
+    return sentence, [entry.decoded.message for entry in read(folder / "run.mcap")["/log"]]
 
 
 @given(st.data())
 def test_torn_anywhere(tmp_path_factory, read, unfinished, data):
     log, sizes, _ = unfinished
     cut = data.draw(st.integers(0, len(log)))
-    told, texts = mended(tmp_path_factory.mktemp("torn"), log[:cut], read)
-    assert told == f"run.mcap was torn: {len(texts)} messages were kept and indexed again"
+    sentence, texts = mended(tmp_path_factory.mktemp("torn"), log[:cut], read)
+    assert sentence == f"run.mcap was torn: {len(texts)} messages were kept and indexed again"
     assert texts == [f"step {step}" for step in range(len(texts))]
     assert len(texts) >= sum(size <= cut for size in sizes)
 
 
 @pytest.mark.parametrize("lost", range(1, 201))
 def test_torn_at_every_byte_of_the_end(tmp_path, read, unfinished, lost):
-    told, texts = mended(tmp_path, unfinished[2][:-lost], read)
-    assert told == f"run.mcap was torn: {FLUSHED} messages were kept and indexed again"
+    sentence, texts = mended(tmp_path, unfinished[2][:-lost], read)
+    assert sentence == f"run.mcap was torn: {FLUSHED} messages were kept and indexed again"
     assert len(texts) == FLUSHED
 
 
@@ -93,11 +93,11 @@ def test_killed_run_keeps_all_that_was_flushed(tmp_path, read):
             flushed = int(process.stdout.readline())
         process.kill()
     assert process.returncode < 0
-    told = McapSink().repair(tmp_path)
+    sentence = McapSink().repair(tmp_path)
     texts = [entry.decoded.message for entry in read(tmp_path / "run.mcap")["/log"]]
     assert len(texts) > flushed
     assert texts == [f"step {step}" for step in range(len(texts))]
-    assert told == f"run.mcap was torn: {len(texts)} messages were kept and indexed again"
+    assert sentence == f"run.mcap was torn: {len(texts)} messages were kept and indexed again"
 
 
 def test_mending_keeps_every_record(tmp_path, run):

@@ -1,4 +1,4 @@
-"""The command `omnilab world`: which worlds there are, and what is in a file and wrong with it."""
+"""The command `omnilab world`: lists the shipped worlds, summarises a file and lists its errors and warnings."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def world_command(argv: list[str]) -> int:
 
 
 def _list() -> int:
-    from omnilab_mirror.scene.world import load_world, shipped
+    from omnilab_mirror.scene.load import load_world, shipped
 
     for name, file in shipped().items():
         _say(f"{name}: {', '.join(load_world(name).variants) or 'no variants'}  ({file})")
@@ -38,14 +38,14 @@ def _list() -> int:
 
 
 def _check(name: str, variant: str | None) -> int:
-    from omnilab_mirror.scene.lint import warnings_of
-    from omnilab_mirror.scene.world import problems_of
+    from omnilab_mirror.lint import warnings_of
+    from omnilab_mirror.scene.load import problems_of
 
     built, problems = problems_of(name, variant)
-    tried = {variant: built}
+    worlds = {variant: built}
     if variant is None and built is not None:
         for other in built.variants:
-            tried[other], more = problems_of(name, other)
+            worlds[other], more = problems_of(name, other)
             problems += more
     if built is not None:
         for line in _summary(built):
@@ -54,22 +54,22 @@ def _check(name: str, variant: str | None) -> int:
         _say(f"wrong: {sentence}")
     if problems:
         return 2
-    seen: set[str] = set()
-    for tag, found in tried.items():
+    printed: set[str] = set()
+    for tag, found in worlds.items():
         for warning in warnings_of(found) if found else ():
-            if warning not in seen:
-                seen.add(warning)
+            if warning not in printed:
+                printed.add(warning)
                 _say(f"warning{f' (variant {tag})' if tag else ''}: {warning}")
     return 0
 
 
 def _summary(world: World) -> Iterator[str]:
     yield from world.notes
-    texels = sum(float(np.linalg.norm(np.cross(face.u, face.v))) for face in world.faces) * world.texels_per_m**2
-    names = Counter({face.seed[0]: face.name for face in world.faces}.values())
+    texels = sum(float(np.linalg.norm(np.cross(quad.u, quad.v))) for quad in world.quads) * world.texels_per_m**2
+    names = Counter({quad.seed[0]: quad.name for quad in world.quads}.values())
     triangles = sum(len(mesh.corners) for mesh in world.meshes)
     meshes = f", {triangles} triangles" if triangles else ""
-    yield f"{len(world.faces)} faces{meshes}, {texels / 1e6:.1f} million texels, {len(world.light.lamps)} lamps"
+    yield f"{len(world.quads)} faces{meshes}, {texels / 1e6:.1f} million texels, {len(world.light.lamps)} lamps"
     for area in world.areas:
         x, y, z = area.high - area.low
         yield f"{area.name}: {x:g} x {y:g} m" + (f", {z:g} m high" if z < 500 else "")
@@ -83,9 +83,11 @@ def _summary(world: World) -> Iterator[str]:
 
 def free_share(world: World) -> float:
     """Of the map's nodes on a grid, at the default height and with a robot below: the share that is free."""
+    from omnilab_mirror.render.free_space import obstacles
+
     x, y = (np.arange(-side / 2, side / 2 + 1e-9, STEP_M) for side in world.map_m)
     points = np.array([(px, py, HEIGHT_M) for py in y for px in x])
-    return float(np.mean([not why for why in world.obstacles(points, on_floor=True)]))
+    return float(np.mean([not why for why in obstacles(world, points, on_floor=True)]))
 
 
 def _say(line: str) -> None:

@@ -9,8 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from omnilab.errors import DataError
-from omnilab_mirror.scene.quads import Model, Place
-from omnilab_mirror.scene.world import World, load_world
+from omnilab_mirror.render.free_space import obstacles
+from omnilab_mirror.render.prepared_world import baked_pictures
+from omnilab_mirror.scene.load import load_world
+from omnilab_mirror.scene.model import Model
+from omnilab_mirror.scene.quads import Place
+from omnilab_mirror.scene.world import World
 
 TOP = "map_m: [1, 1]\ntexels_per_m: 32\n"
 
@@ -26,7 +30,7 @@ def built(write):
 
 
 def normals(world):
-    return np.array([np.cross(face.u, face.v) for face in world.faces])
+    return np.array([np.cross(face.u, face.v) for face in world.quads])
 
 
 def volume(faces) -> float:
@@ -38,10 +42,10 @@ def volume(faces) -> float:
 def test_a_cylinder_is_a_closed_prism_on_a_regular_polygon(built, sides):
     world = built(f"kind: cylinder, at: [1, 2], z: 0.5, size: [2, 3], sides: {sides}, turn_deg: 20")
     polygon = sides / 2 * np.sin(2 * np.pi / sides)
-    assert len(world.faces) == sides + sides // 2 * (sides // 2 - 1)
+    assert len(world.quads) == sides + sides // 2 * (sides // 2 - 1)
     assert np.allclose(normals(world).sum(axis=0), 0)
-    assert volume(world.faces) == pytest.approx(3 * polygon)
-    top = [face for face in world.faces if np.cross(face.u, face.v)[2] > 1e-9]
+    assert volume(world.quads) == pytest.approx(3 * polygon)
+    top = [face for face in world.quads if np.cross(face.u, face.v)[2] > 1e-9]
     assert sum(np.cross(face.u, face.v)[2] for face in top) == pytest.approx(polygon)
     # no two rhombi of the top overlap: each random point of the polygon is in one
     points = np.random.default_rng(0).uniform((0, 1), (2, 3), (500, 2))
@@ -56,7 +60,7 @@ def test_a_cylinder_is_a_closed_prism_on_a_regular_polygon(built, sides):
 
 def test_a_cylinder_on_the_floor_lacks_its_lower_end(built):
     world = built("kind: cylinder, at: [0, 0], size: [1, 2], sides: 8")
-    assert len(world.faces) == 8 + 6
+    assert len(world.quads) == 8 + 6
     assert min(normals(world)[:, 2]) > -1e-9
 
 
@@ -68,17 +72,17 @@ def test_zonohedra_are_closed_and_have_the_volume_of_their_generators(seed, coun
     triple = sum(
         abs(np.linalg.det(g[[i, j, k]])) for i in range(count) for j in range(i) for k in range(j)
     )  # Shephard, 1974
-    assert volume(model.faces) == pytest.approx(triple)
-    assert np.allclose(sum(np.cross(face.u, face.v) for face in model.faces), 0)
+    assert volume(model.quads) == pytest.approx(triple)
+    assert np.allclose(sum(np.cross(face.u, face.v) for face in model.quads), 0)
 
 
 def test_trees_stand_and_their_crowns_are_as_wide_and_high_as_they_say(built):
     world = built("kind: tree, at: [2, 1], size: [3, 5], trunk_m: 2")
-    corners = np.array([face.corner + a * face.u + b * face.v for face in world.faces for a in (0, 1) for b in (0, 1)])
+    corners = np.array([face.corner + a * face.u + b * face.v for face in world.quads for a in (0, 1) for b in (0, 1)])
     assert corners[:, 2].min() == pytest.approx(0)
     assert corners[:, 2].max() == pytest.approx(5)
     assert np.ptp(corners[:, 0]) == pytest.approx(3, abs=0.01)
-    assert world.obstacles(np.array([[2, 1, 1.0], [2.8, 1, 1], [2.8, 1, 3]])) == [
+    assert obstacles(world, np.array([[2, 1, 1.0], [2.8, 1, 1], [2.8, 1, 3]])) == [
         "inside 'trunk of tree'",
         "",
         "inside 'tree'",
@@ -93,7 +97,7 @@ def test_walls_are_solid_but_for_their_openings(built):
     points = np.array(
         [[0, y, z] for y, z in [(0.2, 1), (1, 1), (1, 2.5), (2, 1), (3, 0.5), (3, 1.5), (3, 2.5), (4.2, 1)]]
     )
-    assert [bool(why) for why in world.obstacles(points)] == [True, False, True, True, True, False, True, False]
+    assert [bool(why) for why in obstacles(world, points)] == [True, False, True, True, True, False, True, False]
     areas = np.abs(normals(world))
     both_sides = 2 * (4 * 3 - 1 * 2 - 0.8 * 1)
     reveals = 0.2 * (1 + 2 * 2) + 0.2 * (2 * 0.8 + 2 * 1)
@@ -103,7 +107,7 @@ def test_walls_are_solid_but_for_their_openings(built):
 
 def test_a_wall_s_texture_is_on_the_right_and_its_back_on_the_left(built):
     world = built(WALL + ", texture: [1, 2, 3], back: [4, 5, 6]")
-    for face, picture in zip(world.faces, world.pictures, strict=True):
+    for face, picture in zip(world.quads, baked_pictures(world), strict=True):
         middle = face.corner + (face.u + face.v) / 2
         assert middle[0] == pytest.approx(0.1 if picture[0, 0, 0] == 1 else -0.1)  # one walks north
         assert np.sign(np.cross(face.u, face.v)[0]) == np.sign(middle[0])
@@ -111,14 +115,14 @@ def test_a_wall_s_texture_is_on_the_right_and_its_back_on_the_left(built):
 
 def test_a_pattern_runs_through_behind_the_openings(built):
     tiles = "textures:\n  it: {kind: bricks, color: [200, 60, 50]}\n"
-    whole = built("kind: wall, from: [0, 0], to: [4, 0], height: 2, texture: it", top=tiles).pictures[0]
+    whole = baked_pictures(built("kind: wall, from: [0, 0], to: [4, 0], height: 2, texture: it", top=tiles))[0]
     world = built(
         "kind: wall, from: [0, 0], to: [4, 0], height: 2, texture: it, openings: [{at: 1.5, width: 1, height: 1.5}]",
         top=tiles,
     )
     shown = [
         (face, picture)
-        for face, picture in zip(world.faces, world.pictures, strict=True)
+        for face, picture in zip(world.quads, baked_pictures(world), strict=True)
         if face.corner[1] < 0 and face.u[0] > 0.5
     ]
     assert len(shown) == 3
@@ -138,7 +142,7 @@ def test_a_pattern_runs_through_behind_the_openings(built):
         ("kind: tree, at: [0, 0], size: [1, 3], trunk_m: 4", "trunk_m=4; expected a finite number from 0.01 to 3"),
     ],
 )
-def test_what_cannot_be_built_is_told(built, objects, message):
+def test_what_cannot_be_built_is_reported(built, objects, message):
     with pytest.raises(DataError, match=message):
         built(objects)
 
@@ -148,7 +152,7 @@ def test_doors_turn_on_their_hinge(built):
         "kind: door, at: [1, 0], size: [0.8, 2], turn_deg: 90, open_deg: 90"
     )  # closed to the north, open to the west
     points = np.array([[0.6, 0, 1], [1.4, 0, 1], [1, 0.4, 1]])
-    assert world.obstacles(points) == ["inside 'door'", "", ""]
+    assert obstacles(world, points) == ["inside 'door'", "", ""]
 
 
 def test_viewpoints_are_in_one_of_the_areas(built):
@@ -157,7 +161,7 @@ def test_viewpoints_are_in_one_of_the_areas(built):
         "kind: area, name: shed, at: [0, 0], size: [2, 2], height: 2.5",
     )
     points = np.array([[0, 0, 1], [0, 0, 2.48], [5, 0.99, 1], [5, 0, 20], [2, 0, 1]])
-    assert world.obstacles(points) == ["", "outside the shed and the yard", "", "", "outside the shed and the yard"]
+    assert obstacles(world, points) == ["", "outside the shed and the yard", "", "", "outside the shed and the yard"]
 
 
 # ---------------------------------------------------------------------------------------------------- pictures, the sky
@@ -172,9 +176,9 @@ def picture(tmp_path):
 
 def test_images_hang_upright_and_tiles_repeat(built, picture):
     panel = "kind: face, corners: [[0, 2, 0], [2, 2, 0], [2, 2, 1], [0, 2, 1]], texture: it"
-    image = built(panel, top="textures:\n  it: {kind: image, file: picture.png}\n").pictures[0]
+    image = baked_pictures(built(panel, top="textures:\n  it: {kind: image, file: picture.png}\n"))[0]
     assert [image[y, x].argmax() for y, x in [(-3, 5), (-3, -5), (3, 5), (3, -5)]] == [0, 0, 1, 2]
-    tiled = built(panel, top="textures:\n  it: {kind: image, file: picture.png, tile_m: [1, 0.5]}\n").pictures[0]
+    tiled = baked_pictures(built(panel, top="textures:\n  it: {kind: image, file: picture.png, tile_m: [1, 0.5]}\n"))[0]
     assert np.array_equal(tiled[:16], tiled[16:])
     assert np.array_equal(tiled[:, :32], tiled[:, 32:])
     assert np.array_equal(tiled[3, [5, 27]].argmax(axis=1), [1, 2])
@@ -187,7 +191,7 @@ def test_a_changed_picture_is_another_world(built, picture, tmp_path):
     cv2.imwrite(str(tmp_path / "picture.png"), 255 - picture)
     after = built(rug, top=top)
     assert after.digest != before.digest
-    assert np.abs(after.pictures[0].astype(int) - before.pictures[0]).max() > 100
+    assert np.abs(baked_pictures(after)[0].astype(int) - baked_pictures(before)[0]).max() > 100
 
 
 @pytest.mark.parametrize(

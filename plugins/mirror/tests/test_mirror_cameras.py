@@ -25,8 +25,8 @@ from omnilab.geometry import planar_poses, rotation_xyz
 from omnilab.image import panorama, point_cloud
 from omnilab.testing import check_sensor
 from omnilab_mirror.render.render import depth_of, render
-from omnilab_mirror.scene.light import Light
-from omnilab_mirror.scene.quads import Face
+from omnilab_mirror.scene.light import Illumination
+from omnilab_mirror.scene.quads import Quad
 from omnilab_mirror.scene.textures.canvas import Paint
 from omnilab_mirror.scene.world import World
 
@@ -81,7 +81,7 @@ def painted(color) -> Paint:
 
 
 def world_of(faces, sky=None) -> World:
-    return World("test", (8, 6), faces, [], None, Light(1.0, []), 8, 0, sky)
+    return World("test", (8, 6), faces, [], None, Illumination(1.0, []), 8, 0, sky)
 
 
 def box(x, y, z) -> World:
@@ -94,7 +94,7 @@ def box(x, y, z) -> World:
         ((x, y, 0), (0, -2 * y, 0), (0, 0, z)),
         ((-x, -y, 0), (0, 2 * y, 0), (0, 0, z)),
     ]
-    return world_of([Face(*map(np.array, map(np.float64, face)), painted([90, 120, 150])) for face in corners])
+    return world_of([Quad(*map(np.array, map(np.float64, face)), painted([90, 120, 150])) for face in corners])
 
 
 def centers(camera):
@@ -174,7 +174,7 @@ def test_rays_around_a_viewpoint_hit_what_brute_force_hits(camera, seed, count):
     rng = np.random.default_rng(seed)
     scale = 10 ** rng.uniform(-1.5, 1, (count, 1))
     corner, u, v = rng.normal(size=(count, 3)) * 2, *(rng.normal(size=(2, count, 3)) * scale)
-    faces = [Face(corner[i], u[i], v[i], painted([i + 1, 0, 255 - i])) for i in range(count)]
+    faces = [Quad(corner[i], u[i], v[i], painted([i + 1, 0, 255 - i])) for i in range(count)]
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = Rotation.random(rng=rng).as_matrix(), rng.normal(size=3)
     image = render(world_of(faces), camera, T[None], samples=1, color=True)[0]
@@ -191,7 +191,7 @@ def test_rays_around_a_viewpoint_hit_what_brute_force_hits(camera, seed, count):
 
 def test_a_face_in_whose_plane_the_viewpoint_lies_is_seen_by_rays_around_it():
     """A table top at the height of a ball's lowest point: rays start above it and look down on it."""
-    table = Face(np.array([0.06, -1, 1]), np.array([2.0, 0, 0]), np.array([0, 2.0, 0]), painted([200, 200, 200]))
+    table = Quad(np.array([0.06, -1, 1]), np.array([2.0, 0, 0]), np.array([0, 2.0, 0]), painted([200, 200, 200]))
     camera = SphericalMirror(size=501)
     image = render(world_of([table]), camera, planar_poses([0, 0, 1.0]), 1, color=False)[0]
     near, far = camera.project(np.array([[0.06, 0, 0], [1.9, 0, 0]]))
@@ -210,7 +210,7 @@ def test_a_ball_sees_corners_where_its_model_says():
         u *= side / np.linalg.norm(u)
         v = np.cross(u, toward)
         v *= side / np.linalg.norm(v)
-        image = render(world_of([Face(dot - (u + v) / 2, u, v, painted([255] * 3))]), camera, T, 16, color=False)[0]
+        image = render(world_of([Quad(dot - (u + v) / 2, u, v, painted([255] * 3))]), camera, T, 16, color=False)[0]
         v_px, u_px = np.nonzero(image)
         weights = image[v_px, u_px]
         found = np.average(u_px, weights=weights), np.average(v_px, weights=weights)
@@ -265,7 +265,7 @@ def test_depth_comes_with_the_images_that_are_the_same_without_it():
 
 
 # ----------------------------------------------------------------------------------------------------------------- sky
-FAR_BELOW = Face(np.array([-1.0, -1, -50]), np.array([2.0, 0, 0]), np.array([0, 2.0, 0]), painted([0, 0, 0]))
+FAR_BELOW = Quad(np.array([-1.0, -1, -50]), np.array([2.0, 0, 0]), np.array([0, 2.0, 0]), painted([0, 0, 0]))
 
 
 def smooth_sky(width=512, height=256):
@@ -360,7 +360,7 @@ def test_turning_a_camera_without_a_viewpoint_turns_its_image(name):
 
 def test_the_rays_of_a_tiny_ball_might_as_well_start_in_one_point():
     rng = np.random.default_rng(5)
-    faces = [Face(rng.normal(size=3) * 3, *(rng.normal(size=(2, 3)) * 1.5), painted([60 + 9 * i] * 3))
+    faces = [Quad(rng.normal(size=3) * 3, *(rng.normal(size=(2, 3)) * 1.5), painted([60 + 9 * i] * 3))
              for i in range(20)]  # fmt: skip
     ball = SphericalMirror(size=400, distance_mm=0.1, rim_radius_mm=0.035, radius_mm=0.04)
     T = planar_poses([0, 0, 0.0], 0.3)

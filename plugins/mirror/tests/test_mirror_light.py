@@ -7,19 +7,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from omnilab_mirror.render.light_baking import brightness_of
+from omnilab_mirror.render.prepared_world import baked_pictures
 from omnilab_mirror.render.shadows import LIFT_M
-from omnilab_mirror.scene.light import Lamp, Light
-from omnilab_mirror.scene.quads import Face
+from omnilab_mirror.scene.light import Illumination, Lamp
+from omnilab_mirror.scene.load import load_world
+from omnilab_mirror.scene.quads import Quad
 from omnilab_mirror.scene.textures.canvas import Paint
-from omnilab_mirror.scene.world import load_world
 
 GREY = Paint(lambda canvas: canvas.filled([100.0, 100.0, 100.0]))
 LANTERN = Paint(GREY.painter, glows=True)
 
 
 def level(x, y, z, width, depth, paint=GREY):
-    """A face that looks up, around (x, y)."""
-    return Face(np.array([x - width / 2, y - depth / 2, z]), np.array([width, 0, 0]), np.array([0, depth, 0]), paint)
+    """A quad that faces up, around (x, y)."""
+    return Quad(np.array([x - width / 2, y - depth / 2, z]), np.array([width, 0, 0]), np.array([0, depth, 0]), paint)
 
 
 def lattice(face, shape):
@@ -39,7 +41,7 @@ def lambert(lamp, points, normal):
 def test_a_board_throws_the_shadow_that_similar_triangles_give():
     lamp = Lamp(np.array([0, 0, 3.0]), 0.8, 2.0)
     floor, board = level(0, 0, 0, 4, 4), level(0.2, 0.1, 1.5, 0.6, 0.4)
-    brightness = Light(0.3, [lamp]).on([floor, board], 0.05)[0]
+    brightness = brightness_of(Illumination(0.3, [lamp]), [floor, board], 0.05)[0]
     points = lattice(floor, brightness.shape)
     # at half the lamp's height, the board is projected to twice its size and offset
     dx, dy = np.abs(points[..., 0] - 0.4) - 0.6, np.abs(points[..., 1] - 0.2) - 0.4
@@ -54,9 +56,9 @@ def test_a_board_throws_the_shadow_that_similar_triangles_give():
 @given(seed=st.integers(0, 10**6), count=st.integers(1, 25))
 def test_points_are_lit_where_no_face_is_in_the_way(seed, count):
     rng = np.random.default_rng(seed)
-    faces = [Face(*rng.normal(size=(3, 3)) * [[2], [0.7], [0.7]], GREY) for _ in range(count)]
+    faces = [Quad(*rng.normal(size=(3, 3)) * [[2], [0.7], [0.7]], GREY) for _ in range(count)]
     lamp = Lamp(rng.normal(size=3) * 2, 1.0, 2.0)
-    for face, brightness in zip(faces, Light(0.0, [lamp]).on(faces, 0.2), strict=True):
+    for face, brightness in zip(faces, brightness_of(Illumination(0.0, [lamp]), faces, 0.2), strict=True):
         normal = np.cross(face.u, face.v) / np.linalg.norm(np.cross(face.u, face.v))
         points = lattice(face, brightness.shape)
         start = points + LIFT_M * normal
@@ -76,7 +78,10 @@ def test_points_are_lit_where_no_face_is_in_the_way(seed, count):
 def test_a_wide_lamp_s_shadow_has_a_soft_edge_as_wide_as_its_disc_projected():
     lamp = Lamp(np.array([0, 0, 2.0]), 1.0, 100.0, radius_m=0.2)
     floor, board = level(0, 0, 0, 2, 2), level(-5, 0, 1.0, 10, 10)  # its edge hangs at x = 0, half way
-    soft, hard = (Light(0.0, [light]).on([floor, board], 0.02)[0][50] for light in (lamp, Lamp(lamp.at, 1.0, 100.0)))
+    soft, hard = (
+        brightness_of(Illumination(0.0, [light]), [floor, board], 0.02)[0][50]
+        for light in (lamp, Lamp(lamp.at, 1.0, 100.0))
+    )
     x = (np.arange(100) - 49.5) * 0.02
     share = soft / np.maximum(hard.max(), 1e-9)
     assert np.all(soft[x < -0.22] == 0)
@@ -87,11 +92,11 @@ def test_a_wide_lamp_s_shadow_has_a_soft_edge_as_wide_as_its_disc_projected():
 
 def test_lanterns_let_their_lamp_s_light_out_and_shadows_can_be_left_off():
     lamp, floor = Lamp(np.array([0, 0, 2.0]), 1.0, 2.0), level(0, 0, 0, 2, 2)
-    alone = Light(0.1, [lamp]).on([floor], 0.1)[0]
+    alone = brightness_of(Illumination(0.1, [lamp]), [floor], 0.1)[0]
     lantern, board = level(0, 0, 1.9, 0.5, 0.5, LANTERN), level(0, 0, 1.9, 0.5, 0.5)
-    assert np.array_equal(Light(0.1, [lamp]).on([floor, lantern], 0.1)[0], alone)
-    assert np.array_equal(Light(0.1, [lamp], shadows=False).on([floor, board], 0.1)[0], alone)
-    assert np.allclose(Light(0.1, [lamp]).on([floor, board], 0.1)[0], 0.1)
+    assert np.array_equal(brightness_of(Illumination(0.1, [lamp]), [floor, lantern], 0.1)[0], alone)
+    assert np.array_equal(brightness_of(Illumination(0.1, [lamp], shadows=False), [floor, board], 0.1)[0], alone)
+    assert np.allclose(brightness_of(Illumination(0.1, [lamp]), [floor, board], 0.1)[0], 0.1)
 
 
 def test_an_empty_room_has_neither_leaks_nor_dark_seams(write):
@@ -101,7 +106,7 @@ def test_an_empty_room_has_neither_leaks_nor_dark_seams(write):
     shaded, plain = (
         load_world(write(text.replace("lamps", f"shadows: {on}, lamps") + room)) for on in ("true", "false")
     )
-    for one, other in zip(shaded.pictures, plain.pictures, strict=True):
+    for one, other in zip(baked_pictures(shaded), baked_pictures(plain), strict=True):
         assert np.abs(one.astype(int) - other).max() <= 1
 
 
@@ -109,6 +114,6 @@ def test_nothing_shines_through_a_wall(write):
     text = "map_m: [1, 1]\ntexels_per_m: 50\nlight: {ambient: 0, lamps: [{at: [-1, 0, 1.5], power: 5}]}\nobjects:\n"
     text += "  - {kind: room, size: [4, 4, 2.5], floor: [200, 200, 200]}\n"
     text += "  - {kind: wall, from: [0, -2], to: [0, 2], height: 2.5}\n"
-    floor = load_world(write(text)).pictures[0]
+    floor = baked_pictures(load_world(write(text)))[0]
     assert floor[:, 108:].max() == 0
     assert floor[:, :90].min() > 20

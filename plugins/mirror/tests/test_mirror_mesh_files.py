@@ -15,9 +15,9 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from omnilab.errors import ConfigError, DataError
-from omnilab_mirror import mesh_file, mesh_look
+from omnilab_mirror.scene.load import load_world
+from omnilab_mirror.scene.meshes import mesh_file, mesh_materials
 from omnilab_mirror.scene.meshes.mesh_file import read_mesh
-from omnilab_mirror.scene.world import load_world
 
 # ----------------------------------------------------------------------------------------------------------- good input
 TRIANGLE = {"vertices": [[0, 0, 0], [2, 0, 0], [0, 3, 1]], "faces": [[0, 1, 2]]}
@@ -60,7 +60,7 @@ def test_colours_of_vertices_faces_and_materials_are_read(save, tmp_path):
     # linear 128 / 255 is 188 of 255 as displayed (IEC 61966-2-1)
     assert np.array_equal(glb.pictures[glb.picture[0]], [[[188, 255, 0]]])
     plain = read_mesh(Path(save("b.ply", **TRIANGLE))).triangles
-    assert np.all(plain.colors[0] == mesh_look.GREY)
+    assert np.all(plain.colors[0] == mesh_materials.GREY)
 
 
 # ------------------------------------------------------------------------------------------------ bad input
@@ -83,7 +83,7 @@ OBJ = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl i
         ("a.stl", "solid", "ending '.stl'; meshes are read from .obj, .glb and .ply"),
     ],
 )  # fmt: skip
-def test_bad_mesh_files_are_told_in_a_sentence(write, name, content, sentence):
+def test_bad_mesh_files_are_reported_in_a_sentence(write, name, content, sentence):
     with pytest.raises(DataError, match=sentence):
         load_world(write(content, name))
 
@@ -119,10 +119,10 @@ def test_grey_stands_in_for_textures_that_cannot_be_had(write, tmp_path, caplog,
     )
     assert world.notes[0] in caplog.text
     mesh = world.meshes[0]
-    assert np.all(mesh.pictures[mesh.picture[0]] == mesh_look.GREY)
+    assert np.all(mesh.pictures[mesh.picture[0]] == mesh_materials.GREY)
 
 
-def test_a_picture_inside_a_glb_that_cannot_be_opened_is_told(tmp_path):
+def test_a_picture_inside_a_glb_that_cannot_be_opened_is_reported(tmp_path):
     image = Image.fromarray(np.random.default_rng(0).integers(0, 255, (32, 32, 3), np.uint8))
     image.format = "PNG"
     visual = TextureVisuals(np.zeros((3, 2)), material=PBRMaterial(baseColorTexture=image))
@@ -132,7 +132,7 @@ def test_a_picture_inside_a_glb_that_cannot_be_opened_is_told(tmp_path):
     assert read_mesh(tmp_path / "good.glb").notes == []
     bad = read_mesh(tmp_path / "bad.glb")
     assert "grey stands in: 'image 0.png' (cannot identify" in bad.notes[0]
-    assert np.all(bad.triangles.pictures[bad.triangles.picture[0]] == mesh_look.GREY)
+    assert np.all(bad.triangles.pictures[bad.triangles.picture[0]] == mesh_materials.GREY)
     assert len(bad.triangles) == 1
 
 
@@ -149,8 +149,8 @@ def test_what_is_too_large_is_refused(write, tmp_path, monkeypatch):
     for module, limit, value, sentence in (
         (mesh_file, "MAX_TRIANGLES", 2, "has 3 triangles, 2 may be read; decimate"),
         (mesh_file, "MAX_BYTES", {".obj": 10}, "bytes, 10 may be read; decimate"),
-        (mesh_look, "MAX_PIXELS", 100, "'t.png' has 64 x 32 pixels, 100 may be read; make it smaller"),
-        (mesh_look, "MAX_TEXELS", 100, "textures of more than 100 pixels; make them smaller"),
+        (mesh_materials, "MAX_PIXELS", 100, "'t.png' has 64 x 32 pixels, 100 may be read; make it smaller"),
+        (mesh_materials, "MAX_TEXELS", 100, "textures of more than 100 pixels; make them smaller"),
     ):
         with monkeypatch.context() as patched:
             patched.setattr(module, limit, value)

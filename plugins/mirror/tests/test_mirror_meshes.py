@@ -20,14 +20,16 @@ from omnilab.cameras import EquirectangularCamera, HyperbolicMirror, StereoCamer
 from omnilab.geometry import planar_poses
 from omnilab_mirror import Mirror
 from omnilab_mirror.render.embree import Embree
+from omnilab_mirror.render.free_space import obstacles
+from omnilab_mirror.render.prepared_world import baked_pictures
 from omnilab_mirror.render.render import render
-from omnilab_mirror.scene.light import Lamp, Light
+from omnilab_mirror.scene.light import Illumination, Lamp
+from omnilab_mirror.scene.load import load_world
 from omnilab_mirror.scene.meshes.mesh_world import floor_height
 from omnilab_mirror.scene.meshes.triangles import Triangles, halves
-from omnilab_mirror.scene.world import load_world
 
 BOOKSTORE = Path(__file__).parents[4] / "shared/data/aws_bookstore/bookstore.obj"
-PLAIN = Light(1.0, [])
+PLAIN = Illumination(1.0, [])
 SPHERE = EquirectangularCamera(64, 32)
 
 
@@ -97,7 +99,7 @@ def test_colours_of_the_corners_blend_linearly():
 def test_lamps_light_the_side_that_is_seen_by_lambert_s_law(side):
     lamp, at = Lamp(np.array([1.5, 0, 2.0 * side]), 0.9, 3.0), np.array([0.4, -0.3, 1.0 * side])
     T = planar_poses(at)
-    image = Embree(soup(square(0.0), 200), Light(0.2, [lamp]), None).images(SPHERE, T, 1, False)[0]
+    image = Embree(soup(square(0.0), 200), Illumination(0.2, [lamp]), None).images(SPHERE, T, 1, False)[0]
     d = directions(SPHERE)
     met = d[..., 2] * side < -0.1
     points = at - d[met] * (at[2] / d[met][:, 2])[:, None]
@@ -108,7 +110,7 @@ def test_lamps_light_the_side_that_is_seen_by_lambert_s_law(side):
 
 def test_skylight_is_brightest_on_what_faces_the_sky():
     up, down = (
-        Embree(soup(square(z), 200), Light(0.85, [], skylight=0.15), None).images(SPHERE, planar_poses([0, 0, 1.0]), 1, False)[0, row, 0]
+        Embree(soup(square(z), 200), Illumination(0.85, [], skylight=0.15), None).images(SPHERE, planar_poses([0, 0, 1.0]), 1, False)[0, row, 0]
         for z, row in ((0.0, -1), (2.0, 0))
     )  # fmt: skip
     assert [up, down] == [round(200 * (0.85 + s * 0.15 * 4 / np.sqrt(21))) for s in (1, -1)]
@@ -173,7 +175,7 @@ def room_files(tmp_path_factory):
     coarse = tmp_path_factory.mktemp("faces") / "room.yaml"
     coarse.write_text(re.sub(r"texels_per_m: \d+", "texels_per_m: 64", text))
     world, out = load_world(str(coarse)), {"faces": str(coarse)}
-    parts = halves(world.faces, world.pictures)
+    parts = halves(world.quads, baked_pictures(world))
     for kind in ("obj", "glb"):
         folder, scene = tmp_path_factory.mktemp(kind), trimesh.Scene()
         for i, picture in enumerate(parts.pictures):
@@ -270,7 +272,7 @@ def furnished(write, tmp_path):
 
 def test_meshes_are_in_the_way(furnished):
     points = np.array([[0, 0, 1.0], [1, 0, 1.0], [1.2, 0, 0.9], [-1, 0, 1.0], [-1, 0, 0.5], [-1, 0, 0.82], [5, 0, 1.0]])
-    assert furnished.obstacles(points, on_floor=True) == [
+    assert obstacles(furnished, points, on_floor=True) == [
         "",
         "inside 'the crate'",
         "inside 'the crate'",
@@ -279,7 +281,7 @@ def test_meshes_are_in_the_way(furnished):
         "too near to 'board.ply'",
         "outside the room",
     ]
-    assert furnished.obstacles(points, on_floor=False)[3] == ""
+    assert obstacles(furnished, points, on_floor=False)[3] == ""
 
 
 def test_objects_of_kind_mesh_stand_where_the_file_says(furnished):
@@ -293,7 +295,7 @@ def test_outside_a_mesh_there_is_no_pose(save):
     world = load_world(
         save("floor.ply", vertices=np.array(square(0.0, 2.0)).reshape(-1, 3), faces=[[0, 1, 2], [3, 4, 5]])
     )
-    assert world.obstacles(np.array([[0, 0, 1.0], [2.5, 0, 1.0]])) == ["", "outside: nothing is below it"]
+    assert obstacles(world, np.array([[0, 0, 1.0], [2.5, 0, 1.0]])) == ["", "outside: nothing is below it"]
 
 
 def test_the_scene_is_small_and_open_from_above(tmp_path):
@@ -314,9 +316,9 @@ def test_the_bookstore_is_a_world():
     sensor = Mirror(world=str(BOOKSTORE), size=125)
     plan = sensor.plan(GridPoses(step_m=0.5))
     assert 300 < len(plan) < 700
-    told = " ".join(plan.omitted)
+    sentences = " ".join(plan.omitted)
     for name in ("DeskB", "BookshelfA", "RetailShopWall"):
-        assert name in told
+        assert name in sentences
     world = load_world(str(BOOKSTORE))
     assert len(world.meshes[0]) == 118_189
     assert world.notes == []

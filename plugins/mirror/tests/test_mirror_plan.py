@@ -154,3 +154,29 @@ def test_registers_as_mirror():
 def test_import_is_light():
     code = "import sys, omnilab_mirror; print(sorted({'numba', 'cv2', 'yaml', 'scipy'} & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+def test_worlds_as_data_load_without_the_renderer():
+    code = (
+        "import sys; from omnilab_mirror.scene.load import load_world; load_world('room');"
+        " print([name for name in sys.modules if name.startswith('omnilab_mirror.render')])"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+def test_a_world_is_prepared_once_and_what_was_prepared_goes_with_it():
+    import gc
+    import weakref
+    from dataclasses import replace
+
+    from omnilab_mirror.render.prepared_world import baked_pictures, gray_atlas
+    from omnilab_mirror.scene.load import load_world
+
+    world = replace(load_world("room"), texels_per_m=8)
+    assert baked_pictures(world) is baked_pictures(world)
+    assert gray_atlas(world) is gray_atlas(world)
+    texels = weakref.ref(gray_atlas(world).texels)
+    assert texels() is not None
+    del world
+    gc.collect()
+    assert texels() is None

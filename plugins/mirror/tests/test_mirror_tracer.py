@@ -16,10 +16,11 @@ from omnilab.geometry import planar_poses
 from omnilab.image import to_gray
 from omnilab_mirror import Mirror
 from omnilab_mirror.render.render import render
-from omnilab_mirror.scene.light import Light
-from omnilab_mirror.scene.quads import Face
+from omnilab_mirror.scene.light import Illumination
+from omnilab_mirror.scene.load import load_world
+from omnilab_mirror.scene.quads import Quad
 from omnilab_mirror.scene.textures.canvas import Paint
-from omnilab_mirror.scene.world import World, load_world
+from omnilab_mirror.scene.world import World
 
 
 def painted(color) -> Paint:
@@ -27,7 +28,7 @@ def painted(color) -> Paint:
 
 
 def world_of(faces) -> World:
-    return World("test", (8, 6), faces, [], [], Light(1.0, []), 8, 0)
+    return World("test", (8, 6), faces, [], [], Illumination(1.0, []), 8, 0)
 
 
 def pictures(sensor, T_world_camera):
@@ -61,7 +62,7 @@ def test_hits_agree_with_brute_force(seed, count, crop):
         rng.normal(size=(count, 3)) * scale,
         rng.normal(size=(count, 3)) * scale,
     )
-    faces = [Face(corner[i], u[i], v[i], painted([i + 1, 0, 255 - i])) for i in range(count)]
+    faces = [Quad(corner[i], u[i], v[i], painted([i + 1, 0, 255 - i])) for i in range(count)]
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = Rotation.random(rng=rng).as_matrix(), rng.normal(size=3)
     camera = HyperbolicMirror(size=50, crop=crop)
@@ -77,8 +78,8 @@ def test_hits_agree_with_brute_force(seed, count, crop):
 
 def test_north_is_up_and_east_is_right():
     wall = [0, 0, 1.0]
-    north = Face(np.array([-0.5, 2, 0.5]), np.array([1.0, 0, 0]), np.array(wall), painted([255, 0, 0]))
-    east = Face(np.array([2, -0.5, 0.5]), np.array([0, 1.0, 0]), np.array(wall), painted([0, 0, 255]))
+    north = Quad(np.array([-0.5, 2, 0.5]), np.array([1.0, 0, 0]), np.array(wall), painted([255, 0, 0]))
+    east = Quad(np.array([2, -0.5, 0.5]), np.array([0, 1.0, 0]), np.array(wall), painted([0, 0, 255]))
     image = render(world_of([north, east]), HyperbolicMirror(), planar_poses([0, 0, 1]), 1, color=True)[0]
     v, u = np.nonzero(image[..., 0])
     assert v.max() < 125
@@ -132,7 +133,7 @@ def test_any_turn_is_a_turn_of_the_image(turn):
 
 def test_tilted_and_turned_cameras_see_the_same_points():
     target = np.array([1.5, 0.7, 1.4])
-    dot = Face(target - [0, 0.02, 0.02], np.array([0, 0.04, 0]), np.array([0, 0, 0.04]), painted([255, 255, 255]))
+    dot = Quad(target - [0, 0.02, 0.02], np.array([0, 0.04, 0]), np.array([0, 0, 0.04]), painted([255, 255, 255]))
     camera = HyperbolicMirror(size=500, crop=1.0)
     for angles in ([10, 0, 0], [0, -20, 5], [15, 15, 100]):
         T = np.eye(4)
@@ -226,7 +227,7 @@ def test_scene_lies_on_the_faces_and_is_open_above():
     assert mesh.triangles.max() == len(mesh.vertices_m) - 1 == len(mesh.colors) - 1
     corners = mesh.vertices_m[mesh.triangles]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
-    shown = [face for face in world.faces if not face.overhead]
+    shown = [face for face in world.quads if not face.overhead]
     assert area == pytest.approx(sum(np.linalg.norm(np.cross(face.u, face.v)) for face in shown))
     centers = corners.mean(axis=1)
     assert not np.any((centers[:, 2] > 2.99) & (np.abs(centers[:, :2]).max(axis=1) < 3.9))

@@ -15,11 +15,13 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, wrap_angle
 from omnilab.runner.cli import main
 from omnilab_mirror import Mirror
-from omnilab_mirror.scene.lint import warnings_of
+from omnilab_mirror.lint import warnings_of
+from omnilab_mirror.render.free_space import obstacles
+from omnilab_mirror.render.prepared_world import baked_pictures
+from omnilab_mirror.scene.load import load_world, shipped
 from omnilab_mirror.scene.objects import OBJECTS
 from omnilab_mirror.scene.paths import Route
 from omnilab_mirror.scene.textures.procedural import TEXTURES
-from omnilab_mirror.scene.world import load_world, shipped
 from omnilab_mirror.scene.world_yaml import Section
 
 DOCS = (Path(__file__).parents[3] / "docs" / "worlds.md").read_text(encoding="utf-8")
@@ -59,8 +61,8 @@ def test_variants_change_what_they_name_and_nothing_else(write):
     gone, more = load_world(file, "gone"), load_world(file, "more")
     assert {solid.name for solid in gone.solids} == {"chest"}
     assert {solid.name for solid in more.solids} == {"crate", "chest", "parcel"}
-    before = {face.seed: picture for face, picture in zip(plain.faces, plain.pictures, strict=True)}
-    for face, picture in zip(gone.faces, gone.pictures, strict=True):
+    before = {face.seed: picture for face, picture in zip(plain.quads, baked_pictures(plain), strict=True)}
+    for face, picture in zip(gone.quads, baked_pictures(gone), strict=True):
         assert np.array_equal(picture, before[face.seed])  # the rug, too, which comes after the crate
     blue = load_world(file, "blue")
     assert blue.solids[0].place.at[0] == 0.2
@@ -90,7 +92,7 @@ def test_variants_are_part_of_the_images_names(write):
         ("{ambient: 0.1", "{ambient: -1", "line 18: .*ambient=-1"),
     ],
 )
-def test_mistakes_in_variants_are_told_with_their_line(write, old, new, message):
+def test_mistakes_in_variants_are_reported_with_their_line(write, old, new, message):
     file = write(VARIED.replace(old, new))
     variants = load_world(file).variants  # without them, it is used
     with pytest.raises(DataError, match=message):
@@ -114,7 +116,7 @@ def test_paths_are_evenly_spaced_and_lie_on_their_lines(seed, count, closed):
     assert len(T) == max(1, round(length / 0.05)) + (not closed)
     assert np.allclose(T[0, :3, 3], [*points[0], 1.2])
     step = np.linalg.norm(np.diff(T[:, :2, 3], axis=0), axis=1)
-    assert step.max() < 0.055  # a corner makes the way shorter, never longer
+    assert step.max() < 0.055  # a corner makes the path shorter, never longer
     assert np.median(step) == pytest.approx(length / max(1, round(length / 0.05)), rel=1e-6) or count > 4
 
 
@@ -138,7 +140,7 @@ def test_the_thesis_s_paths_have_their_images_and_are_free(world, path, count):
     plan = Mirror(world=world).plan(NamedPath(path))
     assert len(plan) == count
     assert (plan.T_world_camera[:, 2, 3] == 1).all()
-    assert not any(load_world(world).obstacles(plan.T_world_camera[:, :3, 3], on_floor=True))
+    assert not any(obstacles(load_world(world), plan.T_world_camera[:, :3, 3], on_floor=True))
     raised = Mirror(world=world).plan(NamedPath(path, height_m=1.3))
     assert (raised.T_world_camera[:, 2, 3] == 1.3).all()
 
@@ -162,7 +164,7 @@ def test_paths_that_are_not_there(write):
 def test_shipped_worlds_are_sound_in_all_variants(name):
     for variant in (None, *load_world(name).variants):
         world = load_world(name, variant)
-        assert len(world.faces) < 1000
+        assert len(world.quads) < 1000
         warnings = list(warnings_of(world))
         if (name, variant) == ("corridor", "doors closed"):
             route, two_rooms = warnings
@@ -215,7 +217,7 @@ def test_the_command_tells_everything_that_is_wrong_at_once(capsys, write):
         ("ambient: 0.5\n  lamps:\n    - {name: left, at: [-1, 0, 2]}\n    - {name: right, at: [1, 0, 2]}", "ambient: 0", "everything is black"),
     ],
 )  # fmt: skip
-def test_what_can_be_rendered_but_was_hardly_meant_is_told(write, old, new, warning):
+def test_what_can_be_rendered_but_was_hardly_meant_is_reported(write, old, new, warning):
     assert old in VARIED
     assert not list(warnings_of(load_world(write(VARIED))))
     found = list(warnings_of(load_world(write(VARIED.replace(old, new)))))
@@ -225,12 +227,12 @@ def test_what_can_be_rendered_but_was_hardly_meant_is_told(write, old, new, warn
 
 # ----------------------------------------------------------------------------------------------------------- documents
 def test_the_reference_names_every_kind_and_every_key(monkeypatch, tmp_path):
-    asked: set[tuple[str, str]] = set()
+    requested: set[tuple[str, str]] = set()
     value = Section.value
 
     def noted(self, key, *default):
         if "kind" in self and isinstance(kind := value(self, "kind"), str):
-            asked.add((kind if self.title.startswith(("object", "added")) else f"texture {kind}", key))
+            requested.add((kind if self.title.startswith(("object", "added")) else f"texture {kind}", key))
         return value(self, key, *default)
 
     monkeypatch.setattr(Section, "value", noted)
@@ -241,7 +243,7 @@ def test_the_reference_names_every_kind_and_every_key(monkeypatch, tmp_path):
     objects, textures = DOCS.split("## Textures")
     common = {"kind", "name", "glows"}
     checked = set()
-    for kind, key in asked:
+    for kind, key in requested:
         kind_, part = kind.removeprefix("texture "), textures if kind.startswith("texture ") else objects
         row = re.search(rf"^\| `{kind_}` \|(.*)\|$", part, flags=re.MULTILINE)
         assert row, f"docs/worlds.md has no row for {kind}"

@@ -11,9 +11,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from omnilab.errors import ConfigError, DataError
+from omnilab_mirror.render.prepared_world import baked_pictures
+from omnilab_mirror.scene.load import load_world, shipped
 from omnilab_mirror.scene.objects import OBJECTS
 from omnilab_mirror.scene.textures.procedural import TEXTURES
-from omnilab_mirror.scene.world import load_world, shipped
 
 SQUARE = "[[-1, 1, 0], [1, 1, 0], [1, 1, 1], [-1, 1, 1]]"
 
@@ -56,7 +57,7 @@ SQUARE = "[[-1, 1, 0], [1, 1, 0], [1, 1, 1], [-1, 1, 1]]"
         ("texels_per_m: 32", "seed: " + 5000 * "1", "seed"),
     ],
 )
-def test_a_mistake_is_told_with_line_and_key(write, small, old, new, message):
+def test_a_mistake_is_reported_with_line_and_key(write, small, old, new, message):
     assert small.count(old) == 1
     file = write(small.replace(old, new))
     with pytest.raises(DataError, match=message) as error:
@@ -118,7 +119,7 @@ def test_panels_face_the_room_just_before_their_wall(write, small, wall):
     world = load_world(
         write(small + f"  - {{kind: panel, wall: {wall}, at: [0.5, 1], size: [1.2, 0.8], depth_m: 0.01}}\n")
     )
-    panel = world.faces[-1]
+    panel = world.quads[-1]
     center, normal = panel.corner + panel.u / 2 + panel.v / 2, np.cross(panel.u, panel.v)
     along = 0 if wall in {"north", "south"} else 1
     assert center[along] == pytest.approx(0.5)
@@ -131,15 +132,15 @@ def test_panels_face_the_room_just_before_their_wall(write, small, wall):
 def test_a_box_is_closed_and_its_front_looks_south(write):
     text = "map_m: [1, 1]\nobjects:\n  - {kind: box, at: [1, 2], z: 0.5, size: [2, 1, 3], turn_deg: 90, front: [1, 2, 3]}\n"
     world = load_world(write(text))
-    normals = np.array([np.cross(face.u, face.v) for face in world.faces])
-    centers = np.array([face.corner + face.u / 2 + face.v / 2 for face in world.faces])
+    normals = np.array([np.cross(face.u, face.v) for face in world.quads])
+    centers = np.array([face.corner + face.u / 2 + face.v / 2 for face in world.quads])
     assert np.allclose(normals.sum(axis=0), 0)
     assert np.einsum("ij,ij->", centers, normals) / 3 == pytest.approx(
         2 * 1 * 3
     )  # Gauss: outward normals give the volume
     assert np.allclose(centers.mean(axis=0), [1, 2, 2])
     assert np.allclose(normals[0], [6, 0, 0])  # south, turned by 90 degrees, is east
-    assert np.all(world.pictures[0] == [1, 2, 3])
+    assert np.all(baked_pictures(world)[0] == [1, 2, 3])
 
 
 EXAMPLES = {
@@ -166,8 +167,8 @@ def test_every_texture_covers_every_face_and_is_the_same_twice(write, tmp_path, 
     cv2.imwrite(str(tmp_path / "picture.png"), np.random.default_rng(0).integers(0, 255, (20, 30, 3), np.uint8))
     texture = f"textures:\n  it: {{kind: {kind}, {EXAMPLES[kind]}}}\n"
     text = f"map_m: [1, 1]\n{texture}objects:\n  - {{kind: rug, at: [0, 0], size: {size}, texture: it}}\n"
-    picture = load_world(write(text)).pictures[0]
-    assert np.array_equal(picture, load_world(write(text + "# a comment\n")).pictures[0])
+    picture = baked_pictures(load_world(write(text)))[0]
+    assert np.array_equal(picture, baked_pictures(load_world(write(text + "# a comment\n")))[0])
     assert picture.dtype == np.uint8
     assert picture.shape[2] == 3
     if size == "[1.5, 1]":
@@ -176,14 +177,14 @@ def test_every_texture_covers_every_face_and_is_the_same_twice(write, tmp_path, 
 
 
 def test_seed_changes_the_textures(write, small):
-    one, other = (load_world(write(f"seed: {seed}\n{small}")).pictures[0] for seed in (1, 2))
+    one, other = (baked_pictures(load_world(write(f"seed: {seed}\n{small}")))[0] for seed in (1, 2))
     assert np.abs(one.astype(int) - other).mean() > 3
 
 
 def test_bricks_have_courses_of_their_height(write):
     text = "map_m: [1, 1]\ntexels_per_m: 200\ntextures:\n  it: {kind: bricks, color: [100, 20, 20], mortar: [250, 250, 250], "
     text += "brick_m: [0.25, 0.1], joint_m: 0.01}\nobjects:\n  - {kind: rug, at: [0, 0], size: [2, 1], texture: it}\n"
-    rows = load_world(write(text)).pictures[0][..., 1].mean(axis=1)
+    rows = baked_pictures(load_world(write(text)))[0][..., 1].mean(axis=1)
     assert np.array_equal(np.nonzero(rows > 240)[0], [20 * i + j for i in range(10) for j in range(2)])
 
 
@@ -192,7 +193,7 @@ def test_glowing_faces_need_no_lamp(write):
     text += (
         "objects:\n  - {kind: rug, at: [0, 0], size: [1, 1], texture: it}\n  - {kind: rug, at: [3, 0], size: [1, 1]}\n"
     )
-    glowing, dark = load_world(write(text)).pictures
+    glowing, dark = baked_pictures(load_world(write(text)))
     assert np.all(glowing == [250, 240, 200])
     assert np.all(dark == 20)
 
@@ -202,5 +203,5 @@ def test_the_shipped_worlds_show_every_kind_of_object_and_are_rich_in_texture():
     assert all(f"kind: {kind}," in used for kind in set(OBJECTS) - {"face", "mesh"})
     world = load_world("room")
     assert {solid.name for solid in world.solids} >= {"bookcase", "chair", "dining table", "plant", "sofa"}
-    walls = [cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) for picture in world.pictures[:6]]
+    walls = [cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) for picture in baked_pictures(world)[:6]]
     assert [round(float(wall.std())) > 3 for wall in walls] == [True] * 6

@@ -1,4 +1,4 @@
-"""The calibration that lies with the images: a camera written by `omnilab.cameras.save_camera`, or OCamCalib's."""
+"""Calibration beside the images: a camera written by `omnilab.cameras.save_camera`, or OCamCalib's."""
 
 from __future__ import annotations
 

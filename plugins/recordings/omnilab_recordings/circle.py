@@ -1,17 +1,11 @@
-"""The circle in which an omnidirectional image shows the world, found in the images themselves."""
+"""Detection of the circle in which an omnidirectional image shows the world."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
-from omnilab.api import Bytes, Circle, Floats
+from omnilab.api import Bools, Bytes, Circle, Floats, Ints
 from omnilab.errors import DataError
-
-Ints = npt.NDArray[np.integer[Any]]
-Bools = npt.NDArray[np.bool_]
 
 DARK = 0.3  # a surround brighter than this share of the brightest pixels is part of the picture
 LIT = 0.15  # between surround and brightest pixels: above it, a pixel shows the world
@@ -23,7 +17,7 @@ TRIALS = 500
 def find_circle(images: Bytes) -> Circle:
     """The image circle of images (N, H, W) of one camera.
 
-    A dark surround (its level is that of the corners) is told from the pixels that are lit in any of the images. The
+    A dark surround (its level is that of the corners) is separated from the pixels that are lit in any of the images. The
     circle goes through the corners of the lit region's convex hull: dark objects at the rim only cut chords off it.
     Those on the frame's edge do not count, the rest are fitted by RANSAC (Fischler and Bolles, 1981) and least squares.
     A dark disc around the centre becomes the inner radius. Without a dark surround it is the circle inscribed in the

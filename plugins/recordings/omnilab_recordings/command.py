@@ -1,4 +1,4 @@
-"""`omnilab check DIR`: what a folder of images is, before a study finds out."""
+"""Command `omnilab check DIR`: sizes, circle, horizon, exposure, poses and handedness of a folder of images."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from omnilab_recordings.folder import Folder, OnBadImage
 from omnilab_recordings.handedness import Handedness, Horizon, drift_between, handedness, moves_rad, neighbours
 from omnilab_recordings.handedness import horizon as horizon_of
 from omnilab_recordings.optics import most_common_size
-from omnilab_recordings.report_picture import write_sheet
+from omnilab_recordings.report_picture import write_report_picture
 
 FLOW_SHAPE = (64, 512)  # of the panoramas in which drifts are measured
 COLORS = {"ok": "green", "look": "yellow", "?": "cyan"}
@@ -34,21 +34,21 @@ def check(argv: Sequence[str]) -> int:
     output = _output(options.output, Path(options.folder))
     sensor, problem = _with_poses(_sensor(options))
     sensor, circle = _with_circle(sensor)
-    shots = dataset_check.look_at(Path(sensor.path), sensor.recording.images, sensor.optics.camera)
-    turned, moving = _moves(sensor)
+    files = dataset_check.check_files(Path(sensor.path), sensor.recording.images, sensor.optics.camera)
+    found, moving = _moves(sensor)
     horizon, level = _horizon(sensor, moving)
     findings = [
-        *dataset_check.of_files(shots, len(sensor.recording.images)),
+        *dataset_check.of_files(files, len(sensor.recording.images)),
         circle,
         horizon,
-        *dataset_check.of_exposure(shots),
+        *dataset_check.of_exposure(files),
     ]
     findings += [problem] if problem else dataset_check.of_poses(sensor.recording)
     if sensor.recording.positions is not None:
-        findings.append(dataset_check.of_handedness(turned))
+        findings.append(dataset_check.of_handedness(found))
     _print(findings, str(options.folder))
-    write_sheet(output, replace(sensor, mirrored=bool(turned.is_mirrored)), level, turned)
-    _say(f"picture: {output}")
+    write_report_picture(output, replace(sensor, mirrored=bool(found.is_mirrored)), level, found)
+    _print_line(f"picture: {output}")
     return 0
 
 
@@ -101,7 +101,7 @@ def _with_poses(sensor: Folder) -> tuple[Folder, Finding | None]:
 
 
 def _with_circle(sensor: Folder) -> tuple[Folder, Finding]:
-    """The sensor, with the circle inscribed in the frame if none can be found, and what is to be said of it."""
+    """The sensor, with the circle inscribed in the frame if none can be found, and the finding about it."""
     sample = most_common_size(sensor.sample())
     try:
         return sensor, dataset_check.of_circle(sensor, sensor.optics.camera, sample)
@@ -155,7 +155,7 @@ def _print(findings: Sequence[Finding], title: str) -> None:
     console.print(table)
 
 
-def _say(line: str) -> None:
+def _print_line(line: str) -> None:
     from rich.console import Console
 
     Console(highlight=False, soft_wrap=True).print(line, markup=False)

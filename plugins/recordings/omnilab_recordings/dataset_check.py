@@ -1,4 +1,4 @@
-"""Somebody's own images, looked at before a study is: one pass over the files, and what it finds, in sentences."""
+"""Check of a folder of images before it is used in a study: one pass over the files, and findings in sentences."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ BRIGHTER = 12.0  # grey levels that one side of the ring must be brighter by to 
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of the report. `mark` is "ok", "look" (it may spoil a study) or "?" (it cannot be told)."""
+    """One line of the report. `mark` is "ok", "look" (it may spoil a study) or "?" (it cannot be decided)."""
 
     topic: str
     mark: str
@@ -41,8 +41,8 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Shot:
-    """What one file turned out to be."""
+class CheckedFile:
+    """What was found in one file."""
 
     name: str
     error: str = ""
@@ -52,7 +52,7 @@ class Shot:
     blown: float = 0.0  # share of that which is at BLOWN or above
 
 
-def look_at(folder: Path, names: Sequence[str], camera: Camera) -> list[Shot]:
+def check_files(folder: Path, names: Sequence[str], camera: Camera) -> list[CheckedFile]:
     """Read images of a folder, at most MOST of them."""
     chosen = np.unique(np.linspace(0, len(names) - 1, min(len(names), MOST)).astype(int))
     v, u = np.indices((camera.height, camera.width))
@@ -60,59 +60,59 @@ def look_at(folder: Path, names: Sequence[str], camera: Camera) -> list[Shot]:
     distance = np.hypot(u - ring.cx, v - ring.cy)
     shown = (distance <= ring.radius) & (distance >= ring.inner) if ring.radius else np.ones(v.shape, bool)
     with ThreadPoolExecutor(2) as pool:
-        return list(pool.map(partial(_shot, folder, shown), [names[at] for at in chosen]))
+        return list(pool.map(partial(_checked, folder, shown), [names[at] for at in chosen]))
 
 
-def _shot(folder: Path, shown: Bytes, name: str) -> Shot:
+def _checked(folder: Path, shown: Bytes, name: str) -> CheckedFile:
     try:
         pixels = decode(read_bytes(folder, name), name)
     except DataError as error:
-        return Shot(name, str(error))
+        return CheckedFile(name, str(error))
     size = (pixels.shape[1], pixels.shape[0])
     digest = hashlib.sha256(repr(size).encode() + pixels.tobytes()).hexdigest()
     if pixels.shape != shown.shape:
-        return Shot(name, "", size, digest)
+        return CheckedFile(name, "", size, digest)
     world = pixels[shown]
-    return Shot(name, "", size, digest, float(world.mean()), float((world >= BLOWN).mean()))
+    return CheckedFile(name, "", size, digest, float(world.mean()), float((world >= BLOWN).mean()))
 
 
 # ------------------------------------------------------------------------------------------------------------- files
-def of_files(shots: Sequence[Shot], count: int) -> Iterator[Finding]:
+def of_files(files: Sequence[CheckedFile], count: int) -> Iterator[Finding]:
     """Sizes, files that cannot be read, and files with the same pixels."""
-    good = [shot for shot in shots if not shot.error]
-    sizes = Counter(shot.size for shot in good).most_common()
+    good = [file for file in files if not file.error]
+    sizes = Counter(file.size for file in good).most_common()
     (width, height), _ = sizes[0]
-    some = f", of which {len(shots)} were read" if len(shots) < count else ""
+    some = f", of which {len(files)} were read" if len(files) < count else ""
     yield Finding("images", "ok", f"{count} images{some}, {width} x {height} pixels")
-    others = [f"{shot.name} ({shot.size[0]} x {shot.size[1]})" for shot in good if shot.size != (width, height)]
+    others = [f"{file.name} ({file.size[0]} x {file.size[1]})" for file in good if file.size != (width, height)]
     if others:
         yield Finding("sizes", "look", f"{len(others)} have another size: {first(others)}")
-    bad = [shot.error for shot in shots if shot.error]
+    bad = [file.error for file in files if file.error]
     if bad:
         yield Finding("unreadable", "look", f"{len(bad)} cannot be read: {first(bad)}")
     alike = defaultdict(list)
-    for shot in good:
-        alike[shot.digest].append(shot.name)
+    for file in good:
+        alike[file.digest].append(file.name)
     groups = [" = ".join(names[:SHOWN]) for names in alike.values() if len(names) > 1]
     if groups:
         yield Finding("duplicates", "look", f"{len(groups)} groups of files have the same pixels: {first(groups)}")
 
 
-def of_exposure(shots: Sequence[Shot]) -> Iterator[Finding]:
+def of_exposure(files: Sequence[CheckedFile]) -> Iterator[Finding]:
     """Pictures that are too dark, blown out, or lit unlike the others."""
-    measured = {shot.name: shot.mean for shot in shots if shot.mean is not None}
+    measured = {file.name: file.mean for file in files if file.mean is not None}
     means = np.array(list(measured.values()))
     middle = float(np.median(means))
     usual = max(25.0, 4 * float(np.median(np.abs(means - middle))))
     dark = [name for name, mean in measured.items() if mean < DARK]
-    blown = [shot.name for shot in shots if shot.blown > BLOWN_SHARE]
+    blown = [file.name for file in files if file.blown > BLOWN_SHARE]
     odd = [name for name, mean in measured.items() if abs(mean - middle) > usual]
     yield Finding("exposure", "look" if dark or blown or odd else "ok", f"median grey level {middle:.0f}"
-        + _told(dark, f"darker than {DARK:.0f}") + _told(blown, f"with over {BLOWN_SHARE:.0%} of the pixels at white")
-        + _told(odd, "lit unlike the others"))  # fmt: skip
+        + _counted(dark, f"darker than {DARK:.0f}") + _counted(blown, f"with over {BLOWN_SHARE:.0%} of the pixels at white")
+        + _counted(odd, "lit unlike the others"))  # fmt: skip
 
 
-def _told(names: Sequence[str], what: str) -> str:
+def _counted(names: Sequence[str], what: str) -> str:
     return f"; {len(names)} {what} ({first(names)})" if names else ""
 
 
@@ -169,15 +169,15 @@ def of_moving_horizon(camera: ImageCircle, found: Horizon) -> Finding:
     outward = 1 - found.level if camera.sky_inside else found.level
     at = f"about {ring.inner + outward * (ring.radius - ring.inner):.0f} px from the centre: things rise on one side, sink on the other"
     if found.upright is None:
-        return Finding("horizon", "?", f"{at}; equally fast, so which side is up cannot be told")
+        return Finding("horizon", "?", f"{at}; equally fast, so which side is up cannot be decided")
     if found.upright:
         return Finding("horizon", "ok", f"{at}, faster on the {_side(camera, above=False)}, the ground's")
     return Finding("horizon", "look",
-        f"{at}, faster on the {_side(camera, above=True)}: if the ground is there, {_other_way(camera)}")  # fmt: skip
+        f"{at}, faster on the {_side(camera, above=True)}: if the ground is there, {_remedy(camera)}")  # fmt: skip
 
 
 def of_bright_side(camera: ImageCircle, panoramas: Bytes) -> Finding:
-    """Which side of the ring may be the sky; nothing tells the horizon itself."""
+    """Which side of the ring may be the sky; the horizon itself cannot be found."""
     third = panoramas.shape[1] // 3
     above, below = (float(part.mean()) for part in (panoramas[:, :third], panoramas[:, -third:]))
     if abs(above - below) < BRIGHTER:
@@ -185,14 +185,14 @@ def of_bright_side(camera: ImageCircle, panoramas: Bytes) -> Finding:
     side = f"cannot tell where; the {_side(camera, above=above > below)} is brighter ({max(above, below):.0f} against {min(above, below):.0f})"
     if above > below:
         return Finding("horizon", "?", f"{side}, as it should if that is the sky")
-    return Finding("horizon", "look", f"{side}: if that is the sky, {_other_way(camera)}")
+    return Finding("horizon", "look", f"{side}: if that is the sky, {_remedy(camera)}")
 
 
 def _side(camera: ImageCircle, above: bool) -> str:
     return "inside" if above == camera.sky_inside else "outside"
 
 
-def _other_way(camera: ImageCircle) -> str:
+def _remedy(camera: ImageCircle) -> str:
     return "leave out --sky-inside" if camera.sky_inside else "give --sky-inside (sensor.sky_inside=true)"
 
 
@@ -211,7 +211,7 @@ def of_poses(recording: Recording) -> Iterator[Finding]:
         columns, rows = (int(most) + 1 for most in cells.max(0))
         among = itertools.product(range(columns), range(rows)) if columns * rows <= MOST_CELLS else ()
         holes = [f"column {x}, row {y}" for x, y in among if (x, y) not in there]
-        yield Finding("grid", "look" if holes else "ok", str(recording.grid) + _told(holes, "places without image"))
+        yield Finding("grid", "look" if holes else "ok", str(recording.grid) + _counted(holes, "places without image"))
     else:
         yield Finding("grid", "?", "the positions form none")
     if twice := _same_poses(positions):
@@ -228,9 +228,11 @@ def _same_poses(positions: Positions) -> list[str]:
 
 
 def of_handedness(found: Handedness) -> Finding:
-    """Whether to flip the pictures, or that it cannot be told."""
-    told = f"{found.pairs} moves between neighbours agree to {found.as_taken:.2f} as taken, to {found.mirrored:.2f} flipped"
+    """Whether to flip the pictures, or that it cannot be decided."""
+    agreement = f"{found.pairs} moves between neighbours agree to {found.as_taken:.2f} as taken, to {found.mirrored:.2f} flipped"
     if found.is_mirrored is None:
-        return Finding("handedness", "?", f"cannot tell whether pictures are mirrored ({told}; 1 is full agreement)")
+        return Finding(
+            "handedness", "?", f"cannot tell whether pictures are mirrored ({agreement}; 1 is full agreement)"
+        )
     settings = f"sensor.mirrored={str(found.is_mirrored).lower()} sensor.turned_deg={round(found.turned_deg) % 360}"
-    return Finding("handedness", "ok", f"{settings} (the angle to a few degrees): {told}")
+    return Finding("handedness", "ok", f"{settings} (the angle to a few degrees): {agreement}")

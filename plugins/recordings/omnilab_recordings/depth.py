@@ -1,4 +1,4 @@
-"""Depth that lies beside rendered images: depth/NAME.npy for images/NAME.png."""
+"""Depth images beside rendered images: depth/NAME.npy for images/NAME.png."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def read_depth(folder: Path, image: str, shape: tuple[int, ...]) -> Floats:
     around = path.parent.parent if path.parent.name else path.parent
     name = str(around / "depth" / f"{path.stem}.npy")
     stream = io.BytesIO(read_bytes(folder, name))
-    try:  # the header is looked at before anything of the size that it claims is made
+    try:  # the header is checked before anything of the size that it claims is made
         version = np.lib.format.read_magic(stream)
         found, in_columns, dtype = np.lib.format.read_array_header_1_0(stream)
         if (version, found, in_columns, dtype) != ((1, 0), shape, False, np.dtype("<f4")):

@@ -1,4 +1,4 @@
-"""Poses from the names of image files: a pattern with named groups, or the way a published set is named."""
+"""Poses from the names of image files: by a pattern with named groups, or by the naming of a published set."""
 
 from __future__ import annotations
 
@@ -9,14 +9,11 @@ from decimal import Decimal, InvalidOperation
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from omnilab.api import Floats
+from omnilab.api import Floats, Ints
 from omnilab.errors import ConfigError, DataError, did_you_mean
 from omnilab.geometry import rotation_xyz
 from omnilab_recordings.positions import Positions
-
-Ints = npt.NDArray[np.integer[Any]]
 
 LONGEST_PATTERN = 300  # characters; Python's re can take for ever where repetitions nest, so keep patterns plain
 LONGEST_PATH = 1024  # characters
@@ -35,10 +32,10 @@ NEEDED_BY = {"spacing_m": ("ix", "iy", "i"), "columns": ("i",), "height_step_m":
 
 @dataclass(frozen=True)
 class Naming:
-    """How names tell poses. The pattern is searched for in the path below the folder; its groups are among `GROUPS`.
+    """Naming scheme of images by their poses. The pattern is searched for in the path below the folder; its groups are among `GROUPS`.
 
     `ix`, `iy` are column and row, `i` counts images row by row, `iz` counts levels; `i` and `iz` start at the lowest
-    number there is. `view` tells images of one pose apart and is not looked at otherwise.
+    number there is. `view` tells images of one pose apart and is not used otherwise.
     """
 
     pattern: str
@@ -103,7 +100,7 @@ def _groups(pattern: str) -> set[str]:
         raise ConfigError(f"names has the group '{group}'{did_you_mean(group, GROUPS)}; it may be {', '.join(GROUPS)}")
     if not groups & {*INDICES, *LENGTHS}:
         raise ConfigError(
-            f"names={pattern!r} tells no position; name a group, (?P<ix>\\d+) say, one of {', '.join(GROUPS)}"
+            f"names={pattern!r} gives no position; name a group, (?P<ix>\\d+) say, one of {', '.join(GROUPS)}"
         )
     return groups
 
@@ -114,15 +111,15 @@ def positions_of(images: Sequence[str], how: Naming) -> Positions:
     values = {group: _numbers(images, group, texts[group]) for group in texts if group in {*INDICES, *LENGTHS, *YAWS}}
     if "i" in values:
         values["iy"], values["ix"] = np.divmod(values["i"] - values["i"].min(), how.columns or 1)
-    turned = sum((radians(values[yaw]) for yaw, radians in YAWS.items() if yaw in values), np.zeros(len(images)))
+    yaw_rad = sum((radians(values[yaw]) for yaw, radians in YAWS.items() if yaw in values), np.zeros(len(images)))
     found = Positions(
         images=list(images),
         position_m=np.stack([_along_m(axis, values, how, len(images)) for axis in "xyz"], -1),
-        R_world_robot=rotation_xyz(0, 0, turned),
+        R_world_robot=rotation_xyz(0, 0, yaw_rad),
         cells=np.stack([values["ix"], values["iy"]], -1).astype(np.int64) if {"ix", "iy"} <= set(values) else None,
         stamps_ns=_stamps_ns(images, texts),
     )
-    _check_different(found, turned, texts.get("view", [""] * len(images)))
+    _check_different(found, yaw_rad, texts.get("view", [""] * len(images)))
     return found
 
 
@@ -178,13 +175,13 @@ def _stamps_ns(images: Sequence[str], texts: dict[str, list[str]]) -> Ints | Non
     return None
 
 
-def _check_different(found: Positions, turned_rad: Floats, views: Sequence[str]) -> None:
+def _check_different(found: Positions, yaw_rad: Floats, views: Sequence[str]) -> None:
     """DataError if two images without stamps have one pose."""
     if found.stamps_ns is not None:
         return
     first: dict[tuple[Any, ...], str] = {}
-    for image, where, turned, view in zip(found.images, found.position_m, turned_rad, views, strict=True):
-        other = first.setdefault((*where, turned, view), image)
+    for image, where, yaw, view in zip(found.images, found.position_m, yaw_rad, views, strict=True):
+        other = first.setdefault((*where, yaw, view), image)
         if other != image:
             raise DataError(
                 f"{other} and {image} have one pose by their names; add a group (?P<view>...) of what tells them apart,"

@@ -1,4 +1,4 @@
-"""A folder of omnidirectional images, with or without poses, as a sensor."""
+"""Sensor `folder`: omnidirectional images in a folder, with or without poses."""
 
 from __future__ import annotations
 
@@ -10,12 +10,11 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
-from omnilab.api import Bytes, Floats, Frames, Mesh, Plan, PoseRequest
+from omnilab.api import Bytes, Floats, Frames, Ints, Mesh, Plan, PoseRequest
 from omnilab.cameras import ImageCircle, RayCamera
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import poses, rotation_xyz
@@ -26,22 +25,21 @@ from omnilab_recordings.images import decode, read_bytes
 from omnilab_recordings.optics import Optics, check_circle, circle_of, most_common_size, off_ring, unseen_in
 from omnilab_recordings.recording import POSITIONS_FILE, Recording, open_recording
 
-Ints = npt.NDArray[np.integer[Any]]
 R = TypeVar("R")
 
-SAMPLE = 16  # images that tell the size and the circle of all
-AHEAD = 16  # images that are read before they are asked for
+SAMPLE = 16  # images by which the size and the circle of all are found
+AHEAD = 16  # images that are read in advance
 
 
 class OnBadImage(Enum):
     """What becomes of a file that cannot be read, is no whole image, or has another size than the others."""
 
     fail = "fail"
-    skip = "skip"  # left out, and told in `Frames.omitted`
+    skip = "skip"  # left out, and listed in `Frames.omitted`
 
 
 @dataclass(frozen=True)
-class _Shot:
+class _LoadedImage:
     index: int  # in the plan
     key: str
     picture: Bytes
@@ -56,7 +54,7 @@ class Folder:
     there are no other poses. Without positions there is only `RecordedPoses()`.
 
     `mirrored` pictures are flipped left to right first of all. Then `turned_deg` is the azimuth in the picture of the
-    direction that `yaw_deg` speaks of (the robot's front, say). Nothing is resampled: image right looks to
+    direction that `yaw_deg` refers to (the robot's front, say). Nothing is resampled: image right looks to
     `yaw_deg - turned_deg`, and that is the heading of the pose.
 
     `camera` (below the folder, or any path) is calibrated on the files as they are: where pictures are flipped, so is
@@ -103,18 +101,18 @@ class Folder:
 
     def frames(self, plan: Plan) -> Iterator[Frames]:
         """The planned images, `batch` at a time; DataError if none of them can be read."""
-        shots: list[_Shot] = []
+        loaded: list[_LoadedImage] = []
         omitted: list[str] = []
-        for shot in self._shots(plan.keys):
-            if isinstance(shot, str):
-                omitted.append(shot)
+        for image in self._images(plan.keys):
+            if isinstance(image, str):
+                omitted.append(image)
                 continue
-            if len(shots) == self.batch:
-                yield self._packed(plan, shots, omitted)
-                shots, omitted = [], []
-            shots.append(shot)
-        if shots:
-            yield self._packed(plan, shots, omitted)
+            if len(loaded) == self.batch:
+                yield self._packed(plan, loaded, omitted)
+                loaded, omitted = [], []
+            loaded.append(image)
+        if loaded:
+            yield self._packed(plan, loaded, omitted)
         elif omitted:
             raise DataError(f"none of the {len(plan)} images can be read, and {omitted[0]}; replace the files")
 
@@ -129,13 +127,13 @@ class Folder:
         R_robot_camera = rotation_xyz(0, 0, -math.radians(self.turned_deg))
         return poses(positions.position_m[rows], positions.R_world_robot[rows] @ R_robot_camera)
 
-    def _shots(self, names: Sequence[str]) -> Iterator[_Shot | str]:
+    def _images(self, names: Sequence[str]) -> Iterator[_LoadedImage | str]:
         """Each image, or why it is left out."""
         read = partial(_read, Path(self.path), self.optics, self.depth)
         with ThreadPoolExecutor(2) as pool:
             for index, reading in enumerate(_ahead(pool, read, names)):
                 try:
-                    yield _Shot(index, *reading.result())
+                    yield _LoadedImage(index, *reading.result())
                 except DataError as error:
                     yield self._left_out(error)
 
@@ -144,17 +142,17 @@ class Folder:
             return str(error)
         raise DataError(f"{error}; replace it, or leave such files out with sensor.on_bad_image=skip") from error
 
-    def _packed(self, plan: Plan, shots: Sequence[_Shot], omitted: Sequence[str]) -> Frames:
-        chosen = plan.at(shot.index for shot in shots)
+    def _packed(self, plan: Plan, loaded: Sequence[_LoadedImage], omitted: Sequence[str]) -> Frames:
+        chosen = plan.at(image.index for image in loaded)
         return Frames(
-            images=np.stack([shot.picture for shot in shots]),
-            keys=[shot.key for shot in shots],
+            images=np.stack([image.picture for image in loaded]),
+            keys=[image.key for image in loaded],
             stamps_ns=self.recording.stamps_ns(chosen.keys),
             camera=self.optics.camera,
-            plan_index=np.array([shot.index for shot in shots]),
+            plan_index=np.array([image.index for image in loaded]),
             T_world_camera=chosen.T_world_camera,
             omitted=omitted,
-            depth_m=np.stack([shot.depth_m for shot in shots if shot.depth_m is not None]) if self.depth else None,
+            depth_m=np.stack([image.depth_m for image in loaded if image.depth_m is not None]) if self.depth else None,
         )
 
     @cached_property
@@ -189,7 +187,7 @@ class Folder:
         return Optics(camera.flipped() if self.mirrored else camera, unseen, self.mirrored, self.color)
 
     def _camera(self, sample: Sequence[Bytes]) -> RayCamera | ImageCircle:
-        """Where the files look: as calibrated or, without a calibration, the circle."""
+        """Camera of the files: as calibrated or, without a calibration, the circle."""
         height, width = sample[0].shape
         if (calibrated := read_camera(Path(self.path), self.camera, self.looks)) is None:
             return ImageCircle(width, height, circle_of(self.circle_px, sample), self.sky_inside)
@@ -225,7 +223,7 @@ def _read(folder: Path, optics: Optics, depth: bool, name: str) -> tuple[str, By
 
 
 def _ahead(pool: ThreadPoolExecutor, call: Callable[[str], R], items: Iterable[str]) -> Iterator[Future[R]]:
-    """The calls of all items in their order, a few of them started before they are asked for."""
+    """The calls of all items in their order, a few of them started in advance."""
     started: deque[Future[R]] = deque()
     for item in items:
         started.append(pool.submit(call, item))

@@ -1,25 +1,20 @@
-"""The regular grid that positions lie on, and which of them a grid layout takes."""
+"""Regular grid of recorded positions, and the selection by a grid layout."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from omnilab.api import Floats, GridPoses
+from omnilab.api import Bools, Floats, GridPoses, Ints
 from omnilab.errors import ConfigError, DataError
 from omnilab_recordings.positions import Positions
-
-Ints = npt.NDArray[np.integer[Any]]
-Bools = npt.NDArray[np.bool_]
 
 TOLERANCE_M = 0.01  # positions this close to a line of the grid are on it
 
 
 @dataclass(frozen=True)
-class Grid:
+class PositionGrid:
     """Column and row of N positions, and what lies between neighbours."""
 
     cells: Ints  # (N, 2)
@@ -30,10 +25,10 @@ class Grid:
         return f"{columns} × {rows} grid at {_metres(self.spacing_m)}"
 
 
-def find_grid(positions: Positions) -> Grid | None:
+def find_grid(positions: Positions) -> PositionGrid | None:
     """The grid of the columns ix and iy or, without these, of evenly spaced x and y; None if there is none."""
     cells = _even_cells(positions.position_m[:, :2]) if positions.cells is None else positions.cells
-    return None if cells is None else Grid(cells, _spacing(cells, positions.position_m[:, :2]))
+    return None if cells is None else PositionGrid(cells, _spacing(cells, positions.position_m[:, :2]))
 
 
 def _even_cells(xy_m: Floats) -> Ints | None:
@@ -57,7 +52,7 @@ def _spacing(cells: Ints, xy_m: Floats) -> Floats:
     return np.where(np.ptp(cells, axis=0) > 0, np.linalg.norm(steps_m, axis=1), 0.0)
 
 
-def on_grid(layout: GridPoses, grid: Grid, position_m: Floats) -> Bools:
+def on_grid(layout: GridPoses, grid: PositionGrid, position_m: Floats) -> Bools:
     """Which of the positions (N, 3) a grid layout takes."""
     taken: Bools = (grid.cells % _every(layout, grid) == 0).all(-1)
     if layout.extent_m is not None:
@@ -67,11 +62,11 @@ def on_grid(layout: GridPoses, grid: Grid, position_m: Floats) -> Bools:
     return taken
 
 
-def _every(layout: GridPoses, grid: Grid) -> Ints:
+def _every(layout: GridPoses, grid: PositionGrid) -> Ints:
     """Every how many columns and rows (2,) the layout takes one."""
     if layout.step_m is not None and layout.every is not None:
         raise ConfigError(
-            f"a grid of step_m={layout.step_m} and every={layout.every} is asked for; give one of the two"
+            f"a grid of step_m={layout.step_m} and every={layout.every} is requested; give one of the two"
         )
     if layout.step_m is not None:
         return _whole_steps(layout.step_m, grid)
@@ -81,7 +76,7 @@ def _every(layout: GridPoses, grid: Grid) -> Ints:
     return np.array([every, every])
 
 
-def _whole_steps(step_m: float, grid: Grid) -> Ints:
+def _whole_steps(step_m: float, grid: PositionGrid) -> Ints:
     spacing = np.where(grid.spacing_m > 0, grid.spacing_m, step_m)  # of one line only, any step takes it
     every = np.rint(step_m / spacing)
     if (every < 1).any() or (np.abs(step_m - every * spacing) > TOLERANCE_M).any():

@@ -1,19 +1,15 @@
-"""What pictures with poses tell by the drift between neighbours: which way the azimuth runs, and where the horizon is."""
+"""Handedness and horizon of pictures with poses, estimated from the optical flow between neighbours."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from omnilab.api import Bytes, Floats
+from omnilab.api import Bytes, Floats, Ints
 from omnilab.geometry import heading_of, wrap_angle
 from omnilab_recordings.positions import Positions
-
-Ints = npt.NDArray[np.integer[Any]]
 
 BASES = 24  # images that are compared with neighbours, from all over the recording
 LARGEST_TURN_RAD = np.deg2rad(15.0)  # between neighbours
@@ -21,7 +17,7 @@ ACROSS_RAD = np.deg2rad(40.0)  # least angle between the two moves that start in
 FARTHER = 2.0  # times the nearest neighbour's distance, that the second may be away
 MARGIN = 64  # columns that a panorama is continued by
 LEAST_PAIRS = 6
-SLOWEST_PX, NEARER = 0.05, 1.5  # mean speed of a side that is believed; ratio of speeds that tells the ground
+SLOWEST_PX, NEARER = 0.05, 1.5  # mean speed of a side that is believed; ratio of speeds by which the ground is known
 AGREE, APART = 0.7, 0.3  # of mean resultant lengths: what a hypothesis needs, and needs more than the other
 
 
@@ -36,7 +32,7 @@ class Handedness:
 
     @property
     def is_mirrored(self) -> bool | None:
-        """None: it cannot be told."""
+        """None: it cannot be decided."""
         best, other = max(self.as_taken, self.mirrored), min(self.as_taken, self.mirrored)
         known = self.pairs >= LEAST_PAIRS and best >= AGREE and best - other >= APART
         return self.mirrored > self.as_taken if known else None
@@ -88,8 +84,8 @@ def handedness(drifts_rad: Floats, moves: Floats) -> Handedness:
     """Do drifts in the pictures (M,) turn with the moves of the robot (M,), or against them?"""
     with_moves = np.exp(1j * (drifts_rad - moves)).mean() if len(moves) else 0j
     against = np.exp(1j * (np.pi - drifts_rad - moves)).mean() if len(moves) else 0j  # once flipped
-    turned = np.angle(max(with_moves, against, key=abs))
-    return Handedness(len(moves), float(abs(with_moves)), float(abs(against)), float(np.rad2deg(turned)))
+    offset = np.angle(max(with_moves, against, key=abs))
+    return Handedness(len(moves), float(abs(with_moves)), float(abs(against)), float(np.rad2deg(offset)))
 
 
 @dataclass(frozen=True)
@@ -102,7 +98,7 @@ class Horizon:
 
     @property
     def upright(self) -> bool | None:
-        """Whether what is below is nearer, as the ground is. None: it cannot be told."""
+        """Whether what is below is nearer, as the ground is. None: it cannot be decided."""
         fast, slow = max(self.below, self.above), min(self.below, self.above)
         return self.below > self.above if fast > NEARER * slow else None
 

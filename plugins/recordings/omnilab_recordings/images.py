@@ -1,4 +1,4 @@
-"""Image files: which there are, and their pixels."""
+"""Image files: listing and decoding."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all images of a recording share: their size, the image circle, and what is blanked or flipped in each."""
+"""Optics of a recording: the camera, and what is blanked or flipped in each of its images."""
 
 from __future__ import annotations
 
@@ -10,21 +10,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-from omnilab.api import Bytes, Camera, Circle
+from omnilab.api import Bools, Bytes, Camera, Circle
 from omnilab.errors import ConfigError, DataError
 from omnilab_recordings.circle import find_circle
 from omnilab_recordings.images import decode, read_bytes
 
-Bools = npt.NDArray[np.bool_]
-
 
 @dataclass(frozen=True)
 class Optics:
-    """How the pixels of a file become the picture that is handed over."""
+    """Camera and preprocessing: how the pixels of a file become the picture that is handed over."""
 
-    camera: Camera  # where the picture looks
+    camera: Camera  # of the picture that is handed over
     unseen: Bools  # (H, W) in the file: set to 0
     mirrored: bool
     color: bool

@@ -1,4 +1,4 @@
-"""The positions file of a recording: a plain CSV with a header row, one row per image."""
+"""Positions file of a recording: a plain CSV with a header row, one row per image."""
 
 from __future__ import annotations
 
@@ -9,19 +9,17 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
-from omnilab.api import Floats
+from omnilab.api import Floats, Ints
 from omnilab.errors import DataError
 from omnilab.geometry import rotation_of_quaternion, rotation_xyz
 
-Ints = npt.NDArray[np.integer[Any]]
 N = TypeVar("N", int, float)
 
 LARGEST_FILE = 256 * 2**20  # bytes
 MOST_ROWS = 2_000_000
 TOLERANCE = 1e-3  # of R times its transpose to the unit matrix: what four written digits leave
-ROTATIONS: dict[tuple[str, ...], Callable[[Floats], Floats]] = {  # by the columns that tell them, the most exact first
+ROTATIONS: dict[tuple[str, ...], Callable[[Floats], Floats]] = {  # by the columns that give them, the most exact first
     tuple(f"r{i}{j}" for i in range(3) for j in range(3)): lambda r: r.reshape(-1, 3, 3),
     ("qx", "qy", "qz", "qw"): rotation_of_quaternion,
     ("rx_deg", "ry_deg", "rz_deg"): lambda angles: rotation_xyz(*np.deg2rad(angles).T),
@@ -43,10 +41,10 @@ class Positions:
 def read_positions(file: Path) -> Positions:
     """Read columns image, x_m, y_m and, where there, z_m, ix, iy, stamp_ns and a rotation; others are ignored.
 
-    The rotation is told by the first of these that there are: r00 ... r22 (the matrix, row by row, robot to world),
+    The rotation is given by the first of these that there are: r00 ... r22 (the matrix, row by row, robot to world),
     qx, qy, qz, qw, rx_deg, ry_deg, rz_deg (Rx Ry Rz; Berenguer, thesis, eq. 3.11), yaw_deg. DataError names the line of a value that is missing, not finite or not a number.
     """
-    table = _Table(file)
+    table = _PositionTable(file)
     if not table.rows:
         raise DataError(f"{file} names no image; give it a header and one row per image")
     return Positions(
@@ -58,7 +56,7 @@ def read_positions(file: Path) -> Positions:
     )
 
 
-def _rotations(table: _Table) -> Floats:
+def _rotations(table: _PositionTable) -> Floats:
     for columns, rotations in ROTATIONS.items():
         if any(map(table.has, columns)):
             values = np.stack([table.floats(column) for column in columns], -1)
@@ -72,7 +70,7 @@ def _rotations(table: _Table) -> Floats:
     return np.tile(np.eye(3), (len(table.rows), 1, 1))
 
 
-class _Table:
+class _PositionTable:
     """The cells of a CSV as text, with the line that each row ends on."""
 
     def __init__(self, file: Path) -> None:

@@ -1,4 +1,4 @@
-"""Odometry that was recorded."""
+"""Recorded odometry: poses of a file, interpolated at the images' stamps."""
 
 from __future__ import annotations
 
@@ -56,12 +56,12 @@ class Recorded:
         """The recorded pose of each image; DataError for a file without stamps that is too short."""
         pose, stamps = self._record
         if stamps is not None:
-            time, asked = (t - stamps[0] for t in (stamps, frames.stamps_ns))  # floats hold no nanoseconds since 1970
-            found = [np.interp(asked, time, column, left=np.nan, right=np.nan) for column in pose.T]
+            time, wanted = (t - stamps[0] for t in (stamps, frames.stamps_ns))  # floats hold no nanoseconds since 1970
+            found = [np.interp(wanted, time, column, left=np.nan, right=np.nan) for column in pose.T]
             return [Reading(one) for one in np.column_stack(found)]
         if len(frames) and (last := int(frames.plan_index.max())) >= len(pose):
             raise DataError(
-                f"{self.file} has {len(pose)} poses and no stamps, and image {last + 1} is asked for; give a pose for each"
+                f"{self.file} has {len(pose)} poses and no stamps, and image {last + 1} is requested; give a pose for each"
                 " image, or stamps"
             )
         return [Reading(one) for one in pose[frames.plan_index]]

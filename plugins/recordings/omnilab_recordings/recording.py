@@ -1,4 +1,4 @@
-"""What a folder holds: its images and, where a positions file tells them, their poses."""
+"""Recording: the images of a folder and, where a positions file or their names give them, their poses."""
 
 from __future__ import annotations
 
@@ -6,25 +6,20 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from omnilab.api import GridPoses, NamedPath, PathPoses, PoseRequest, RecordedPoses
+from omnilab.api import Bools, GridPoses, Ints, NamedPath, PathPoses, PoseRequest, RecordedPoses
 from omnilab.errors import ConfigError, DataError
 from omnilab_recordings.filename_poses import Naming, positions_of
-from omnilab_recordings.grid import Grid, find_grid, on_grid
+from omnilab_recordings.grid import PositionGrid, find_grid, on_grid
 from omnilab_recordings.images import SUFFIXES, image_names
 from omnilab_recordings.positions import Positions, read_positions
-from omnilab_recordings.trajectory import SUFFIXES as TRAJECTORIES
-from omnilab_recordings.trajectory import read_trajectory
-
-Ints = npt.NDArray[np.integer[Any]]
-Bools = npt.NDArray[np.bool_]
+from omnilab_recordings.trajectory_poses import SUFFIXES as TRAJECTORIES
+from omnilab_recordings.trajectory_poses import poses_of_images
 
 POSITIONS_FILE = "positions.csv"
-STAMP_STEP_NS = 100_000_000  # between images of a recording that tells no time
+STAMP_STEP_NS = 100_000_000  # between images of a recording without stamps
 SHOWN = 3  # names in a message
 
 
@@ -37,7 +32,7 @@ class Recording:
     positions: Positions | None
 
     def rows(self, layout: PoseRequest) -> Ints:
-        """Which of the images a layout takes; DataError that says what there is."""
+        """Rows of the images that a layout takes; DataError, with what there is, where it takes none."""
         if isinstance(layout, RecordedPoses):
             taken = np.ones(len(self.images), bool) if layout.without is None else ~self._on_grid(layout.without)
         elif isinstance(layout, GridPoses):
@@ -46,7 +41,7 @@ class Recording:
             wanted = "on a given path" if isinstance(layout, PathPoses | NamedPath) else "at random poses"
             raise DataError(f"{self}, and none {wanted}; {self._remedy}")
         if not taken.any():
-            raise DataError(f"{self}, and none that {layout} asks for; {self._remedy}")
+            raise DataError(f"{self}, and none that {layout} requests; {self._remedy}")
         return np.flatnonzero(taken)
 
     def stamps_ns(self, names: Iterable[str]) -> Ints:
@@ -65,7 +60,7 @@ class Recording:
         return on_grid(layout, self.grid, self.positions.position_m)
 
     @cached_property
-    def grid(self) -> Grid | None:
+    def grid(self) -> PositionGrid | None:
         """The grid that the positions form, if they do."""
         return None if self.positions is None else find_grid(self.positions)
 
@@ -115,9 +110,9 @@ def _positions_of(folder: Path, positions: str | None, found: Sequence[str]) -> 
         return None
     if (folder / positions).is_file():
         if Path(positions).suffix.lower() in TRAJECTORIES:
-            return read_trajectory(folder / positions, found)
+            return poses_of_images(folder / positions, found)
         return read_positions(folder / positions)
-    if positions == POSITIONS_FILE:  # nobody asked for it
+    if positions == POSITIONS_FILE:  # the default
         return None
     raise DataError(f"the positions file {folder / positions} does not exist; give sensor.positions=FILE or null")
 
@@ -125,7 +120,7 @@ def _positions_of(folder: Path, positions: str | None, found: Sequence[str]) -> 
 def _check_no_file(folder: Path, positions: str | None) -> None:
     if positions is not None and (positions != POSITIONS_FILE or (folder / positions).is_file()):
         raise ConfigError(
-            f"poses are told by {folder / positions} and by sensor.names;"
+            f"poses are given by {folder / positions} and by sensor.names;"
             " give sensor.positions=null to take the names, or leave sensor.names out"
         )
 

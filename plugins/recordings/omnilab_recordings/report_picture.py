@@ -1,4 +1,4 @@
-"""The picture of what `omnilab check` found: a sample with its circle, its panorama, the map, and more samples."""
+"""Report picture of `omnilab check`: a sample with its circle, its panorama, the map, and more samples."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PANORAMA = (160, 960)  # rows, columns
 RING, HORIZON, AZIMUTH, FRONT = "#00e5ff", "#ffd400", "#ff4d6d", "#7CFC00"
 
 
-def write_sheet(file: Path, sensor: Folder, level: float | None, turned: Handedness) -> None:
+def write_report_picture(file: Path, sensor: Folder, level: float | None, found: Handedness) -> None:
     """Draw the folder as a sensor with these settings hands it over; `level` is the horizon's in the panorama."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -33,7 +33,7 @@ def write_sheet(file: Path, sensor: Folder, level: float | None, turned: Handedn
     halves = figure.add_gridspec(2, 1, height_ratios=[5.4, 4.3])
     above = halves[0].subgridspec(1, 1 + has_map)
     below = halves[1].subgridspec(2, len(images), height_ratios=[2.4, 1.9])
-    front = turned.turned_deg % 360 if turned.is_mirrored is not None else None
+    front = found.turned_deg % 360 if found.is_mirrored is not None else None
     _draw_sample(figure.add_subplot(above[0]), images[middle], names[middle], camera, level, front)
     if has_map:
         _draw_map(figure.add_subplot(above[1]), sensor)

@@ -1,4 +1,4 @@
-"""What is wrong with a folder, its positions file or the request is told in one sentence."""
+"""What is wrong with a folder, its positions file or the request is reported in one sentence."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def test_one_image_has_another_size(write_recording):
     assert len(frames.omitted) == 1
 
 
-@pytest.mark.parametrize(("header", "row", "told"), [
+@pytest.mark.parametrize(("header", "row", "sentence"), [
     ("image,x_m,y_m", "img-1.png,nan,0", r"line 3 of .* has x_m='nan'; write a finite number"),
     ("image,x_m,y_m", "img-1.png,1e400,0", r"line 3 .* x_m='1e400'"),
     ("image,x_m,y_m", "img-1.png,0,", r"line 3 .* y_m=''"),
@@ -111,11 +111,11 @@ def test_one_image_has_another_size(write_recording):
     ("image,x_m,y_m,z_m", "img-1.png,1,2,inf", r"line 3 .* z_m='inf'"),
     ("image,x_m,y_m,yaw_deg", "img-1.png,1,2,north", r"line 3 .* yaw_deg='north'"),
 ])  # fmt: skip
-def test_a_bad_line_of_the_positions_is_told(write_recording, header, row, told):
+def test_a_bad_line_of_the_positions_is_reported(write_recording, header, row, sentence):
     separator = ";" if ";" in header else ","
     good = separator.join(["img-0.png", *["0"] * header.count(separator)])
     root = write_recording(blank(2), [good, row], header)
-    with pytest.raises(DataError, match=told):
+    with pytest.raises(DataError, match=sentence):
         Folder(root).plan(RecordedPoses())
 
 
@@ -131,7 +131,7 @@ def test_positions_that_are_no_text(write_recording):
         Folder(root).plan(RecordedPoses())
 
 
-def test_positions_file_that_was_asked_for_does_not_exist(write_recording):
+def test_positions_file_that_was_requested_does_not_exist(write_recording):
     with pytest.raises(DataError, match=r"truth\.csv does not exist"):
         Folder(write_recording(blank(1)), positions="truth.csv").plan(RecordedPoses())
 
@@ -155,8 +155,8 @@ def test_images_too_large(write_recording, monkeypatch):
 def test_positions_do_not_match_the_images(write_recording):
     rows = ["img-0.png,0,0", "a.png,1,0", "b.png,1,0", "c.png,1,0", "d.png,1,0"]
     root = write_recording(blank(3), rows)
-    told = r"names 4 images that are not there \(a\.png, b\.png, c\.png, \.\.\.\) and does not name 2 that are \(img-1\.png, img-2\.png\)"
-    with pytest.raises(DataError, match=told):
+    sentence = r"names 4 images that are not there \(a\.png, b\.png, c\.png, \.\.\.\) and does not name 2 that are \(img-1\.png, img-2\.png\)"
+    with pytest.raises(DataError, match=sentence):
         Folder(root).plan(RecordedPoses())
 
 

@@ -26,7 +26,7 @@ from omnilab.image import mirror_view, panorama
 from omnilab_recordings import Folder
 from omnilab_recordings.folder import OnBadImage
 from omnilab_recordings.positions import read_positions
-from omnilab_recordings.trajectory import read_trajectory
+from omnilab_recordings.trajectory_poses import poses_of_images
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 AMIENS = UnifiedCamera(
@@ -100,17 +100,17 @@ def test_blanks_are_off_the_camera_s_ring(small):
         read_all(Folder(small, blank_outside=True))
 
 
-@pytest.mark.parametrize(("settings", "error", "told"), [
+@pytest.mark.parametrize(("settings", "error", "sentence"), [
     ({"camera": "none.json"}, DataError, r"none\.json cannot be read"),
     ({"circle_px": [30, 25, 20]}, ConfigError, r"circle_px or sky_inside is given, but the camera in .*camera\.json knows"),
     ({"sky_inside": True}, ConfigError, r"sky_inside"),
     ({"looks": "up"}, ConfigError, r"looks='up' is given, but .*camera\.json says itself"),
     ({"camera": "calib.txt", "looks": "left"}, DataError, r"'left' is not known; a camera looks 'down'"),
 ])  # fmt: skip
-def test_cameras_that_cannot_be_meant(small, settings, error, told):
+def test_cameras_that_cannot_be_meant(small, settings, error, sentence):
     save_camera(SMALL, small / "camera.json")
     (small / "calib.txt").write_text(OCAM)
-    with pytest.raises(error, match=told):
+    with pytest.raises(error, match=sentence):
         read_all(Folder(small, **settings))
 
 
@@ -218,7 +218,7 @@ def test_depth_comes_along(with_depth):
     assert read_all(replace(sensor, depth=False)).depth_m is None
 
 
-@pytest.mark.parametrize(("damage", "told"), [
+@pytest.mark.parametrize(("damage", "sentence"), [
     (lambda file: file.unlink(), r"^depth/1\.npy cannot be read"),
     (lambda file: file.write_bytes(b"text"), r"depth/1\.npy is no depth of images/1\.png"),
     (lambda file: file.write_bytes(file.read_bytes()[:-8]), r"depth/1\.npy is no depth"),
@@ -226,10 +226,10 @@ def test_depth_comes_along(with_depth):
     (lambda file: np.save(file, np.zeros((16, 20))), r"it holds float64"),
     (lambda file: np.save(file, np.array([{"an": "object"}]), allow_pickle=True), r"it holds object"),
 ])  # fmt: skip
-def test_depth_that_is_none(with_depth, damage, told):
+def test_depth_that_is_none(with_depth, damage, sentence):
     sensor, _ = with_depth
     damage(Path(sensor.path) / "depth/1.npy")
-    with pytest.raises(DataError, match=told):
+    with pytest.raises(DataError, match=sentence):
         read_all(sensor)
     assert len(read_all(replace(sensor, on_bad_image=OnBadImage.skip))) == 1
 
@@ -241,15 +241,15 @@ def test_turned_deg_turns_about_the_camera_s_own_axis(write_recording):
     assert np.allclose(T[:3, :3], rotation_xyz(*np.deg2rad([30, -20, 70])))
 
 
-@pytest.mark.parametrize(("header", "row", "told"), [
+@pytest.mark.parametrize(("header", "row", "sentence"), [
     ("qx,qy,qz,qw", "0,0,0,0", r"line 2 .* has no rotation in qx, qy, qz, qw"),
     ("qx,qy,qz", "0,0,0", r"has no column qw"),
     ("r00,r01,r02,r10,r11,r12,r20,r21,r22", "1,0,0,0,1,0,0,0,-1", r"line 2 .* has no rotation in r00, r01"),
     ("r00,r01,r02,r10,r11,r12,r20,r21,r22", "1,0,0,0,1,0,0,0.1,1", r"line 2 .* has no rotation"),
 ])  # fmt: skip
-def test_rotations_that_are_none(write_recording, header, row, told):
+def test_rotations_that_are_none(write_recording, header, row, sentence):
     root = write_recording([np.zeros((16, 16), np.uint8)], [f"img-0.png,0,0,{row}"], f"image,x_m,y_m,{header}")
-    with pytest.raises(DataError, match=told):
+    with pytest.raises(DataError, match=sentence):
         Folder(root).plan(RecordedPoses())
 
 
@@ -281,11 +281,11 @@ def test_a_trajectory_goes_with_stamps_in_names(tmp_path_factory, ticks, off_ms,
     lines = [f"{ms / 1000:.3f} {ms} 0 0 0 0 0 1" for ms in stamps_ms]
     shuffle.shuffle(lines)
     file.write_text("\n".join(lines))
-    found = read_trajectory(file, [f"{(ms + off_ms) / 1000:.6f}.png" for ms in stamps_ms])
+    found = poses_of_images(file, [f"{(ms + off_ms) / 1000:.6f}.png" for ms in stamps_ms])
     assert found.position_m[:, 0].tolist() == stamps_ms
 
 
-@pytest.mark.parametrize(("names", "lines", "told"), [
+@pytest.mark.parametrize(("names", "lines", "sentence"), [
     (["a.png"], ["0 1 2 3 0 0 0"], r"line 3 of .* is '0 1 2 3 0 0 0'; write timestamp tx"),
     (["a.png"], ["0 1 2 nan 0 0 0 1"], r"line 3 of"),
     (["a.png"], ["0 1 2 3 0 0 0 0"], r"line 3 of"),
@@ -293,6 +293,6 @@ def test_a_trajectory_goes_with_stamps_in_names(tmp_path_factory, ticks, off_ms,
     (["a.png", "b.png"], ["0 1 2 3 0 0 0 1"], r"has 1 poses for 2 images; .*by their stamps"),
     (["1.00.png", "2.50.png"], ["1.01 1 2 3 0 0 0 1"], r"no pose within 0\.02 s of 1 of 2 images, 2\.50\.png say"),
 ])  # fmt: skip
-def test_trajectories_that_do_not_fit(write_tum, names, lines, told):
-    with pytest.raises(DataError, match=told):
+def test_trajectories_that_do_not_fit(write_tum, names, lines, sentence):
+    with pytest.raises(DataError, match=sentence):
         write_tum(names, lines).plan(RecordedPoses())

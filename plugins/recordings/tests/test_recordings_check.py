@@ -23,11 +23,11 @@ FOREST = Path(__file__).resolve().parents[4] / "shared" / "data" / "bearingnet_f
 
 @pytest.fixture
 def run(tmp_path_factory, capsys, monkeypatch):
-    """Run the command; what it said, by topic. It leaves the folder as it is, and draws a picture if asked to."""
+    """Run the command; its findings, by topic. It leaves the folder as it is, and draws a picture if asked to."""
 
     def run(folder, *options, draw=False):
         if not draw:
-            monkeypatch.setattr("omnilab_recordings.command.write_sheet", lambda *_: None)
+            monkeypatch.setattr("omnilab_recordings.command.write_report_picture", lambda *_: None)
         picture = tmp_path_factory.mktemp("out") / "found.png"
         before = sorted(Path(folder).rglob("*"))
         assert check([str(folder), "-o", str(picture), *options]) == 0
@@ -90,7 +90,7 @@ def test_handedness_from_exact_drifts(turned, mirrored, seed):
     assert abs(wrap_angle(np.deg2rad(found.turned_deg) - turned)) < 1e-9
 
 
-def test_handedness_cannot_be_told_from_one_line_or_from_noise():
+def test_handedness_cannot_be_decided_from_one_line_or_from_noise():
     to_and_fro = np.array([0.0, np.pi] * 10)
     assert handedness(to_and_fro + 0.3, to_and_fro).is_mirrored is None
     noise = np.random.default_rng(0).uniform(-np.pi, np.pi, (2, 40))
@@ -117,72 +117,72 @@ def test_a_rendered_room_is_seen_through(run, tmp_path, mirrored, turned_deg):
             lines.append(f"{number}.png,{float(T[0, 3])!r},{float(T[1, 3])!r},{turned_deg}")
             number += 1
     (tmp_path / "positions.csv").write_text("\n".join(lines) + "\n")
-    said = run(tmp_path)
-    mark, text = said["handedness"]
+    findings = run(tmp_path)
+    mark, text = findings["handedness"]
     assert mark == "ok"
     assert text.startswith(f"sensor.mirrored={str(mirrored).lower()} ")
     found = int(text.split("turned_deg=")[1].split()[0])
     assert abs(wrap_angle(np.deg2rad(found - turned_deg))) < np.deg2rad(15)
-    assert said["circle"][0] == "ok"
+    assert findings["circle"][0] == "ok"
 
 
 def test_the_forest_is_what_it_is_known_to_be(run):
     if not FOREST.is_dir():
         pytest.skip("the forest recording is not at hand")
-    said = run(FOREST, "--circle", "512", "512", "455", "150", "--sky-inside")
-    assert said["handedness"][1].startswith("sensor.mirrored=false sensor.turned_deg=1")
-    assert abs(int(said["handedness"][1].split("turned_deg=")[1].split()[0]) - 180) < 10
-    assert said["horizon"][0] == "ok"
-    assert abs(int(said["horizon"][1].split()[1]) - 256) < 30
-    assert said["grid"] == ("ok", "10 × 10 grid at 1.0 m")
+    findings = run(FOREST, "--circle", "512", "512", "455", "150", "--sky-inside")
+    assert findings["handedness"][1].startswith("sensor.mirrored=false sensor.turned_deg=1")
+    assert abs(int(findings["handedness"][1].split("turned_deg=")[1].split()[0]) - 180) < 10
+    assert findings["horizon"][0] == "ok"
+    assert abs(int(findings["horizon"][1].split()[1]) - 256) < 30
+    assert findings["grid"] == ("ok", "10 × 10 grid at 1.0 m")
 
 
 # ------------------------------------------------------------------------------------------------------ known defects
 def test_a_sound_folder(run, write_recording):
     root = write_recording(ring_images(9), [f"img-{i}.png,{i % 3},{i // 3}" for i in range(9)])
-    said = run(root, draw=True)
-    assert said["images"] == ("ok", "9 images, 120 x 100 pixels")
-    mark, text = said["circle"]
+    findings = run(root, draw=True)
+    assert findings["images"] == ("ok", "9 images, 120 x 100 pixels")
+    mark, text = findings["circle"]
     assert mark == "ok"
     assert text.startswith("centre (60.")
-    assert said["exposure"][0] == said["poses"][0] == said["grid"][0] == "ok"
-    assert said["handedness"][0] == "?"  # unrelated textures
-    assert not {"sizes", "unreadable", "duplicates"} & set(said)
+    assert findings["exposure"][0] == findings["poses"][0] == findings["grid"][0] == "ok"
+    assert findings["handedness"][0] == "?"  # unrelated textures
+    assert not {"sizes", "unreadable", "duplicates"} & set(findings)
 
 
-def test_what_is_wrong_with_files_is_told(run, write_recording):
+def test_what_is_wrong_with_files_is_reported(run, write_recording):
     images = ring_images(12)
     images[3], images[5], images[7] = images[2], images[5] // 8, images[7][:80]
     images[9] = np.where(images[9] > 60, 255, images[9])
     root = write_recording(images)
     (root / "img-11.png").write_bytes(b"no image")
-    said = run(root)
-    assert said["unreadable"] == ("look", "1 cannot be read: img-11.png is truncated or no image")
-    assert said["sizes"] == ("look", "1 have another size: img-7.png (120 x 80)")
-    assert said["duplicates"] == ("look", "1 groups of files have the same pixels: img-2.png = img-3.png")
-    mark, text = said["exposure"]
+    findings = run(root)
+    assert findings["unreadable"] == ("look", "1 cannot be read: img-11.png is truncated or no image")
+    assert findings["sizes"] == ("look", "1 have another size: img-7.png (120 x 80)")
+    assert findings["duplicates"] == ("look", "1 groups of files have the same pixels: img-2.png = img-3.png")
+    mark, text = findings["exposure"]
     assert mark == "look"
     assert "1 darker than 25 (img-5.png)" in text
     assert "1 with over 10% of the pixels at white (img-9.png)" in text
-    assert said["poses"] == ("?", "none: write a positions.csv, or give --names")
+    assert findings["poses"] == ("?", "none: write a positions.csv, or give --names")
 
 
-def test_holes_and_poses_that_occur_twice_are_told(run, write_recording):
+def test_holes_and_poses_that_occur_twice_are_reported(run, write_recording):
     rows = [f"img-{i}.png,{i % 3},{i // 3}" for i in range(8)] + ["img-8.png,1,1"]
-    said = run(write_recording(ring_images(9), rows))
-    assert said["grid"] == ("look", "3 × 3 grid at 1.0 m; 1 places without image (column 2, row 2)")
-    assert said["same pose"][1].endswith("1 pairs of images: img-4.png and img-8.png")
+    findings = run(write_recording(ring_images(9), rows))
+    assert findings["grid"] == ("look", "3 × 3 grid at 1.0 m; 1 places without image (column 2, row 2)")
+    assert findings["same pose"][1].endswith("1 pairs of images: img-4.png and img-8.png")
 
 
-@pytest.mark.parametrize(("options", "rows", "told"), [
+@pytest.mark.parametrize(("options", "rows", "sentence"), [
     ((), ["img-0.png,0,0"], "does not name 2 that are"),
     (("--names", "bielefeld"), None, "3 of 3 image names do not match"),
 ])  # fmt: skip
-def test_poses_that_cannot_be_read_do_not_hide_the_rest(run, write_recording, options, rows, told):
-    said = run(write_recording(ring_images(3), rows), *options)
-    assert said["poses"][0] == "look"
-    assert told in said["poses"][1]
-    assert said["circle"][0] == "ok"
+def test_poses_that_cannot_be_read_do_not_hide_the_rest(run, write_recording, options, rows, sentence):
+    findings = run(write_recording(ring_images(3), rows), *options)
+    assert findings["poses"][0] == "look"
+    assert sentence in findings["poses"][1]
+    assert findings["circle"][0] == "ok"
 
 
 def test_no_circle_and_a_guessed_one(run, write_recording, tmp_path):
@@ -205,11 +205,11 @@ def test_a_calibration_is_named_with_what_it_shows(run, write_recording):
         UnifiedCamera(width=120, height=100, cx=60, cy=50, fx=30, fy=30, xi=1.0, rim_px=40),
         root / "camera.json",
     )
-    said = run(root, draw=True)
-    assert said["camera"][1].startswith("UnifiedCamera; centre (60.0, 50.0), radius 40.0")
+    findings = run(root, draw=True)
+    assert findings["camera"][1].startswith("UnifiedCamera; centre (60.0, 50.0), radius 40.0")
     # of a stereographic image, the radius is f tan(45 degrees + elevation / 2)
     top = round(2 * np.rad2deg(np.arctan(40 / 30)) - 90)
-    assert said["horizon"] == ("ok", f"the camera shows elevations from -90 to {top} degrees")
+    assert findings["horizon"] == ("ok", f"the camera shows elevations from -90 to {top} degrees")
 
 
 def test_what_cannot_be_checked(write_recording, tmp_path):

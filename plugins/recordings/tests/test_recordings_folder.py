@@ -221,7 +221,7 @@ def test_an_unfinished_reading_can_be_dropped(write_grid):
     reading.close()
 
 
-def test_skipped_files_are_told_and_the_rest_is_complete(write_grid):
+def test_skipped_files_are_reported_and_the_rest_is_complete(write_grid):
     root = write_grid(5, 4)
     for bad in (0, 7, 8, 19):
         (root / f"img-{bad}.png").write_bytes((root / f"img-{bad}.png").read_bytes()[:40])

@@ -40,8 +40,8 @@ SETS = [
         "t1152637022.476384_x0.250000_y-1.500000_a1.570796.jpeg": (0.25, -1.5, 0, 90),
         "t1152637022.676384_x0.250000_y-1.500000_a-0.785398.jpeg": (0.25, -1.5, 0, -45)}),
     ("utm", {}, {
-        "@0543256.96@4178906.70@10@S@037.75@-122.50@pano-790201311.jpg": (543256.96, 4178906.70, 0, 0),
-        "@0543256.96@4178906.70@10@S@037.75@-122.50@pano-70201311.jpg": (543256.96, 4178906.70, 0, 90)}),
+        "@0543256.96@4178906.70@10@S@037.75@-122.50@pano-7@@90@@@@201311@@.jpg": (543256.96, 4178906.70, 0, 0),
+        "@0543256.96@4178906.70@10@S@037.75@-122.50@pano-7@@0@@@@201311@@.jpg": (543256.96, 4178906.70, 0, 90)}),
     ("utm", {}, {"@100.5@200@whatever@.jpg": (100.5, 200, 0, 0), "@101@200@else@.jpg": (101, 200, 0, 0)}),
 ]  # fmt: skip
 
@@ -83,11 +83,11 @@ def test_a_pattern_of_ones_own_in_any_unit(x_cm, y_mm, yaw):
     assert abs(wrap_angle(heading_of(found.R_world_robot[0]) - np.deg2rad(yaw))) < 1e-9
 
 
-@pytest.mark.parametrize(("settings", "told"), [
+@pytest.mark.parametrize(("settings", "sentence"), [
     ({"names": "bielfeld"}, r"'bielfeld' is no preset \(did you mean bielefeld\?\); there is bielefeld, .*utm"),
     ({"names": "(?P<ix>\\d+"}, r"no regular expression \(.*\); mend it"),
     ({"names": r"(?P<yaw_degree>\d+)_"}, r"group 'yaw_degree' \(did you mean yaw_deg\?\); it may be ix, iy"),
-    ({"names": r"(?P<yaw_deg>\d+)_"}, r"tells no position"),
+    ({"names": r"(?P<yaw_deg>\d+)_"}, r"gives no position"),
     ({"names": "x" * 290 + r"(?P<ix>\d+)_"}, r"has 302 characters; .* at most 300"),
     ({"names": r"(?P<ix>\d+)_"}, r"group ix, so spacing_m=None cannot be; give sensor\.spacing_m above 0"),
     ({"names": r"(?P<i>\d+)_", "spacing_m": 0.1}, r"group i, so columns=None"),
@@ -95,19 +95,19 @@ def test_a_pattern_of_ones_own_in_any_unit(x_cm, y_mm, yaw):
     ({"names": "cold", "spacing_m": 1.0}, r"spacing_m=1\.0 is of no use: names='cold' has no ix or iy or i"),
     ({"columns": 8}, r"columns=8 is of no use without names"),
 ])  # fmt: skip
-def test_names_that_cannot_be_meant(settings, told):
-    with pytest.raises(ConfigError, match=told):
+def test_names_that_cannot_be_meant(settings, sentence):
+    with pytest.raises(ConfigError, match=sentence):
         Folder("x", **settings)
 
 
-@pytest.mark.parametrize(("files", "names", "told"), [
+@pytest.mark.parametrize(("files", "names", "sentence"), [
     (["a_1_2.png", "b.png", "c.png"], "bielefeld", r"2 of 3 image names do not match names=.* \(b\.png, c\.png\); .*narrow sensor\.pattern"),
-    (["@1@2@3@4@5@6@7@8@90@.jpg", "@2@2@3@4@5@6@7@8.jpg"], "utm", r"1 of 2 image names do not have a value for heading_deg \(@2@2"),
+    (["@1@2@3@4@5@6@7@8@90@.jpg", "@2@2@3@4@5@6@7@8@@.jpg"], "utm", r"1 of 2 image names do not have a value for heading_deg \(@2@2"),
     (["@1@two@.jpg"], "utm", r"has y_m='two', which is no number"),
     (["a_1_2.png", "b_1_2.png"], "bielefeld", r"a_1_2\.png and b_1_2\.png have one pose by their names; .*\?P<view>"),
 ])  # fmt: skip
-def test_names_that_do_not_tell(write_names, files, names, told):
-    with pytest.raises(DataError, match=told):
+def test_names_that_give_no_pose(write_names, files, names, sentence):
+    with pytest.raises(DataError, match=sentence):
         Folder(write_names(files), names=names).plan(RecordedPoses())
 
 

@@ -36,8 +36,8 @@ def table(tmp_path, text=CSV):
 
 
 def motion(odometry, images):
-    looks = odometry.extract(images)
-    return odometry.estimate(looks[0], looks[-1], np.random.default_rng(1))
+    readings = odometry.extract(images)
+    return odometry.estimate(readings[0], readings[-1], np.random.default_rng(1))
 
 
 def test_conforms(tmp_path):
@@ -53,14 +53,14 @@ def test_rows_without_stamps_are_those_of_the_plan(tmp_path):
     assert across.vector == pytest.approx([0, 0, np.deg2rad(20)])
 
 
-def test_too_short_a_file_is_told(tmp_path):
-    with pytest.raises(DataError, match=r"has 4 poses and no stamps, and image 5 is asked for; give a pose"):
+def test_too_short_a_file_is_reported(tmp_path):
+    with pytest.raises(DataError, match=r"has 4 poses and no stamps, and image 5 is requested; give a pose"):
         table(tmp_path).extract(frames((0, 1), rows=[3, 4]))
 
 
 def test_stamps_are_interpolated_across_half_a_turn(tmp_path):
     odometry = tum(tmp_path / "wheels.tum", [(0, 0, 0, 170), (2, 4, 0, 190), (3, 4, 0, 190)])
-    at = np.array([look.pose for look in odometry.extract(frames((0, 0.5, 1)))])
+    at = np.array([reading.pose for reading in odometry.extract(frames((0, 0.5, 1)))])
     assert at[:, 0] == pytest.approx([0, 1, 2])
     assert np.rad2deg(at[:, 2]) == pytest.approx([170, 175, 180])
     exact = odometry.extract(frames((1e-6,)))[0].pose[0]  # a microsecond after the first
@@ -81,12 +81,12 @@ def test_the_covariance_is_that_of_the_settings(tmp_path):
     assert step == pytest.approx([np.hypot(0.1, 0.01)] * 2 + [np.deg2rad(np.hypot(2, 8))])
 
 
-def test_a_file_out_of_order_is_told(tmp_path):
+def test_a_file_out_of_order_is_reported(tmp_path):
     with pytest.raises(DataError, match=r"pose 3 of .* is not later"):
         tum(tmp_path / "wheels.tum", [(0, 0, 0, 0), (2, 1, 0, 0), (1, 2, 0, 0)]).extract(frames())
 
 
-def test_settings_and_files_that_are_wrong_are_told(tmp_path):
+def test_settings_and_files_that_are_wrong_are_reported(tmp_path):
     with pytest.raises(ConfigError, match="are no noise; give"):
         Recorded(heading_noise_deg=0)
     with pytest.raises(DataError, match="cannot be read"):

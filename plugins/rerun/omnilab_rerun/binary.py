@@ -32,9 +32,9 @@ def repair(recording: Path) -> str | None:
         return None
     mended, size = recording.with_name("mended.rrd"), recording.stat().st_size
     try:
-        told = _rrd("optimize", recording, "-o", mended).stderr
+        log = _rrd("optimize", recording, "-o", mended).stderr
         if not _is_complete(mended):
-            raise DataError(f"{recording} cannot be read back ({complaint(told)}); run the experiment again")
+            raise DataError(f"{recording} cannot be read back ({complaint(log)}); run the experiment again")
         mended.replace(recording)
     finally:
         mended.unlink(missing_ok=True)

@@ -43,10 +43,10 @@ def _view(panel: Panel, extents: Extents) -> rrb.View:
     if panel.kind == "map" and len(panel.contents) > 1:
         # a distance field is drawn as a surface where it is alone, and as coloured dots among other things
         contents += [f"- {absolute(path)}/surface" for path in panel.contents]
-    return VIEWS[panel.kind](name=panel.title, contents=contents, **_look(panel, extents))
+    return VIEWS[panel.kind](name=panel.title, contents=contents, **_view_settings(panel, extents))
 
 
-def _look(panel: Panel, extents: Extents) -> dict[str, Any]:
+def _view_settings(panel: Panel, extents: Extents) -> dict[str, Any]:
     match panel.kind:
         case "map":
             known = [extents[path] for path in map(absolute, panel.contents) if path in extents]

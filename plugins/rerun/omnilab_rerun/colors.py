@@ -1,4 +1,4 @@
-"""What the colours mean."""
+"""Colours of truth, places, verdicts and distances."""
 
 from __future__ import annotations
 

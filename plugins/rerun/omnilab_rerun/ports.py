@@ -1,4 +1,4 @@
-"""Ports of this machine that only this machine can reach."""
+"""Ports on loopback."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The recording on the screen, or on a picture."""
+"""Rerun's viewer: a recording on the screen, or its screenshot without a display."""
 
 from __future__ import annotations
 

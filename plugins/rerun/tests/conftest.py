@@ -16,7 +16,7 @@ from omnilab_rerun import RerunSink
 Entry = tuple[str, Record, Tick | None]
 
 
-class Recording:
+class RecordedEntities:
     """What a recording holds, by entity and component."""
 
     def __init__(self, file: Path) -> None:
@@ -54,18 +54,18 @@ def rng() -> np.random.Generator:
 
 
 @pytest.fixture
-def recorded(tmp_path: Path) -> Callable[[Sequence[Entry]], Recording]:
-    def record(entries: Sequence[Entry]) -> Recording:
+def recorded(tmp_path: Path) -> Callable[[Sequence[Entry]], RecordedEntities]:
+    def record(entries: Sequence[Entry]) -> RecordedEntities:
         sink = RerunSink()
         sink.open(tmp_path)
         for path, what, tick in entries:
             sink.write(path, what, tick)
         sink.close()
-        return Recording(tmp_path / "run.rrd")
+        return RecordedEntities(tmp_path / "run.rrd")
 
     return record
 
 
 @pytest.fixture
-def read() -> Callable[[Path], Recording]:
-    return Recording
+def read() -> Callable[[Path], RecordedEntities]:
+    return RecordedEntities

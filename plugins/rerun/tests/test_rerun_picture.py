@@ -108,13 +108,13 @@ def test_without_a_display_the_viewer_says_what_to_do(run, monkeypatch):
 
 
 @pytest.mark.parametrize("screenshot", [True, False])
-def test_a_run_without_recording_is_told(tmp_path, screenshot):
+def test_a_run_without_recording_is_reported(tmp_path, screenshot):
     with pytest.raises(DataError, match=r"run\.rrd does not exist; run the experiment with the sink rerun"):
         RerunSink().view(tmp_path, tmp_path / "p.png" if screenshot else None)
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
-def test_a_torn_recording_is_told_before_the_viewer_starts(run, tmp_path):
+def test_a_torn_recording_is_reported_before_the_viewer_starts(run, tmp_path):
     whole = (run / "run.rrd").read_bytes()
     (run / "run.rrd").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(DataError, match=r"cannot be read .*; mend it: omnilab repair"):

@@ -69,8 +69,8 @@ def killed(tmp_path_factory):
 def test_what_was_flushed_survives_sigkill_and_repair_completes_the_file(tmp_path, killed, read):
     data, flushed = killed
     (tmp_path / "run.rrd").write_bytes(data)
-    told = RerunSink().repair(tmp_path)
-    assert "no footer" in told
+    sentence = RerunSink().repair(tmp_path)
+    assert "no footer" in sentence
     assert [file.name for file in tmp_path.iterdir()] == ["run.rrd"]
     assert RerunSink().repair(tmp_path) is None, "mended once, it is complete"
 
@@ -95,7 +95,7 @@ def test_a_torn_tail_is_dropped(tmp_path, killed, read, torn_off):
 
 
 @pytest.mark.parametrize("kept", [0, 5, 100], ids=["empty", "no header", "no record"])
-def test_a_file_that_holds_nothing_is_told_and_left_alone(tmp_path, killed, kept):
+def test_a_file_that_holds_nothing_is_reported_and_left_alone(tmp_path, killed, kept):
     data = killed[0][:kept]
     (tmp_path / "run.rrd").write_bytes(data)
     with pytest.raises(DataError, match=r"run\.rrd cannot be read back .*; run the experiment again"):
@@ -122,10 +122,10 @@ def test_a_folder_that_is_not_there_is_refused_at_once(tmp_path):
         RerunSink().open(tmp_path / "none")
 
 
-def test_a_full_disk_is_told_by_flush(tmp_path):
+def test_a_full_disk_is_reported_by_flush(tmp_path):
     call = [sys.executable, "-c", FILL_A_SMALL_DISK, str(tmp_path)]
-    told = subprocess.run(call, capture_output=True, text=True, timeout=60, check=True).stdout
-    step, _, sentence = told.partition(" ")
+    output = subprocess.run(call, capture_output=True, text=True, timeout=60, check=True).stdout
+    step, _, sentence = output.partition(" ")
     assert sentence.startswith("run.rrd takes no more records")
     assert 0 < int(step) < 20, "40 kB a record fill 500 kB"
 

@@ -1,1 +1,1 @@
-"""From a world to images: the prepared world, rays, shading, shadows."""
+"""Rendering of a world: baked light and shadows, atlases, rays, the tracer of quads, Embree and shading, free space."""

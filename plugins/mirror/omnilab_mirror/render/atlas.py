@@ -1,4 +1,4 @@
-"""The pictures of all faces at all resolutions, in one array."""
+"""Texture atlas: the pictures of all quads at all resolutions (mipmaps), in one array."""
 
 from __future__ import annotations
 
@@ -9,25 +9,27 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from omnilab.api import Bytes
+
 Array = npt.NDArray[Any]
 
 LUMA = np.array([0.299, 0.587, 0.114])  # Rec. 601
 
 
 class Atlas(NamedTuple):
-    """What the tracer looks colours up in."""
+    """Mipmaps of F pictures."""
 
-    first: Array  # (F + 1,): the lines of `levels` that belong to face f are first[f] to first[f + 1]
-    levels: Array  # (L, 3): start, width and height of each picture, the finest of a face first
+    first: Array  # (F + 1,): the lines of `levels` that belong to quad f are first[f] to first[f + 1]
+    levels: Array  # (L, 3): start, width and height of each picture, the finest of a quad first
     texels: Array  # (T, C) uint16, in 1/256 grey levels
 
     @property
     def size(self) -> Array:
-        """Texels (F,) of each face's finest picture."""
+        """Texels (F,) of each quad's finest picture."""
         return np.asarray(self.levels[self.first[:-1], 1:].prod(axis=1))
 
 
-def build_atlas(pictures: list[npt.NDArray[np.uint8]], color: bool) -> Atlas:
+def build_atlas(pictures: list[Bytes], color: bool) -> Atlas:
     """The pictures (h, w, 3), or their Rec. 601 luma, each halved until it is one texel."""
     chains = [list(_halved(picture if color else picture @ LUMA)) for picture in pictures]
     levels = [level for chain in chains for level in chain]

@@ -1,4 +1,4 @@
-"""Worlds with meshes: embree finds what the rays of a camera meet, while a second thread shades the image before."""
+"""Ray tracing of triangles with Embree, for worlds with meshes; a second thread shades the image before."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from omnilab.cameras import RayCamera
 from omnilab_mirror.render.atlas import LUMA, Atlas, build_atlas
 from omnilab_mirror.render.rays import rays_of
 from omnilab_mirror.render.shading import Hits, Lighting, Surface, shade, turn
-from omnilab_mirror.scene.light import Light
+from omnilab_mirror.scene.light import Illumination
 from omnilab_mirror.scene.meshes.triangles import Triangles
 
 Array = npt.NDArray[Any]
@@ -36,9 +36,9 @@ class Bundle(NamedTuple):
 
 
 class Embree:
-    """Triangles made ready for rays, and for shading."""
+    """Triangles in Embree's tree, with what shading needs."""
 
-    def __init__(self, triangles: Triangles, light: Light, sky: Bytes | None) -> None:
+    def __init__(self, triangles: Triangles, light: Illumination, sky: Bytes | None) -> None:
         self.triangles, self.sky = triangles, BLACK if sky is None else sky
         self.scene = EmbreeScene()
         TriangleMesh(self.scene, triangles.corners)
@@ -53,7 +53,7 @@ class Embree:
         return found
 
     def surface(self, color: bool) -> tuple[Surface, Atlas]:
-        """What shading looks up, made once for grey and once for colour."""
+        """Surface and atlas for shading, made once for grey and once for colour."""
         if color not in self._surfaces:
             self._surfaces[color] = surface_of(self.triangles, self.sky, color)
         return self._surfaces[color]
@@ -127,7 +127,7 @@ def bundles_of(camera: RayCamera, samples: int) -> list[Bundle]:
 
 
 def _bundle(first: int, rays: Array, origins: Array | None) -> Bundle:
-    seen = np.any(rays[..., :3] != 0, axis=-1)
-    pixel = (first + np.nonzero(seen)[0]).astype(np.int64)
-    direction, solid_angle = rays[seen][:, :3].astype(np.float32), rays[seen][:, 3].astype(np.float32)
-    return Bundle(pixel, direction, solid_angle, None if origins is None else origins[seen].astype(np.float32))
+    used = np.any(rays[..., :3] != 0, axis=-1)
+    pixel = (first + np.nonzero(used)[0]).astype(np.int64)
+    direction, solid_angle = rays[used][:, :3].astype(np.float32), rays[used][:, 3].astype(np.float32)
+    return Bundle(pixel, direction, solid_angle, None if origins is None else origins[used].astype(np.float32))

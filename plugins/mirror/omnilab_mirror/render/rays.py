@@ -1,4 +1,4 @@
-"""Where each pixel of a camera looks, and cones around tiles of pixels."""
+"""Rays of a camera's pixels, and bounding cones around tiles of pixels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The colours of what rays meet on triangles: texture at the resolution of the pixel, tint, and light."""
+"""Shading of what rays meet on triangles: texture at the resolution of the pixel, tint, and light."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = npt.NDArray[Any]
 
 
 class Surface(NamedTuple):
-    """What the shading looks up about T triangles; picture -1 of the atlas is the sky."""
+    """What shading needs of T triangles; picture -1 of the atlas is the sky."""
 
     uv: Array  # (T, 3, 2)
     normal: Array  # (T, 3), unit length
@@ -26,7 +26,7 @@ class Surface(NamedTuple):
 
 
 class Lighting(NamedTuple):
-    """What shines on triangles that are not painted."""
+    """Light on triangles that are not painted."""
 
     ambient: float
     overhead: Array  # (3,): its scalar product with the normal is added to the ambient light
@@ -34,7 +34,7 @@ class Lighting(NamedTuple):
 
 
 class Hits(NamedTuple):
-    """What R rays met."""
+    """Hits of R rays."""
 
     pixel: Array  # (R,) which pixel of the image each ray belongs to, in ascending order
     origin: Array  # (R, 3)

@@ -1,6 +1,6 @@
-"""How much of each lamp's light reaches the faces: rays from points on them to points of the lamps.
+"""Shadows: how much of each lamp's light reaches the quads, by rays from points on them to points of the lamps.
 
-A block of points tests only the faces that may stand between it and a lamp: those whose bounding sphere touches the
+A block of points tests only the quads that may stand between it and a lamp: those whose bounding sphere touches the
 beam between the two, and whose plane does not have both on the same side.
 """
 
@@ -15,15 +15,15 @@ import numpy as np
 import numpy.typing as npt
 
 from omnilab_mirror.render.tracer import compiled, compiled_parallel, dot
-from omnilab_mirror.scene.quads import Face
+from omnilab_mirror.scene.quads import Quad
 
 Array = npt.NDArray[Any]
 BLOCK = 8  # points of a block's side
-LIFT_M = 0.012  # rays start this far before a face: carpets and pictures lie nearer to theirs, and cast no shadow
+LIFT_M = 0.012  # rays start this far before a quad: carpets and pictures lie nearer to theirs, and cast no shadow
 
 
 class Blockers(NamedTuple):
-    """The F faces as a ray meets them."""
+    """The F quads as a ray meets them."""
 
     corner: Array  # (F, 3)
     normal: Array  # (F, 3), unit
@@ -31,22 +31,22 @@ class Blockers(NamedTuple):
         Array  # (F, 3, 4): a, a.corner for a = normal and the duals of u and v, whose products are fractions of them
     )
     middle: Array  # (F, 3) of the bounding sphere
-    radius: Array  # (F,), negative where a face lets light through
+    radius: Array  # (F,), negative where a quad lets light through
 
 
-def lamplight(faces: list[Face], lamps: Array, first: Array, spacing_m: float, shadows: bool) -> list[Array]:
-    """The lamps' light (rows, columns) on each face. Rows of `lamps` are x, y, z, power and reach of a point.
+def lamplight(quads: list[Quad], lamps: Array, first: Array, spacing_m: float, shadows: bool) -> list[Array]:
+    """The lamps' light (rows, columns) on each quad. Rows of `lamps` are x, y, z, power and reach of a point.
 
     Lamp i consists of the points `first[i]` to `first[i + 1]`.
     """
-    corner, u, v = (np.array([getattr(face, part) for face in faces]) for part in ("corner", "u", "v"))
-    glows = np.array([face.paint.glows for face in faces])
+    corner, u, v = (np.array([getattr(quad, part) for quad in quads]) for part in ("corner", "u", "v"))
+    glows = np.array([quad.paint.glows for quad in quads])
     shape = np.maximum(1, np.ceil(np.stack([_length(v), _length(u)], 1) / spacing_m - 1e-6)).astype(np.int64)
     shape[glows] = 1
     start = np.cumsum([0, *shape.prod(axis=1)])
     rows = np.where(glows | (len(lamps) == 0), 0, -(-shape[:, 0] // BLOCK))
-    face_of = np.repeat(np.arange(len(faces)), rows)
-    jobs = np.stack([face_of, np.arange(len(face_of)) - np.repeat(np.cumsum(rows) - rows, rows)], 1)
+    quad_of = np.repeat(np.arange(len(quads)), rows)
+    jobs = np.stack([quad_of, np.arange(len(quad_of)) - np.repeat(np.cumsum(rows) - rows, rows)], 1)
     out = np.zeros(start[-1])
     steps = np.stack([u / shape[:, 1:], v / shape[:, :1]], 1)
     blockers = _blockers(corner, u, v, ~glows & shadows)
@@ -85,8 +85,8 @@ def beam_distance2(x: float, y: float, z: float, beam: Array) -> float:
 
 
 @compiled
-def between(corners: Array, lamp: Array, thick: float, own: int, faces: Blockers, chosen: Array) -> int:
-    """How many faces may stand between a block with `corners` (4, 3) and a lamp of radius `thick`; they go to `chosen`."""
+def between(corners: Array, lamp: Array, thick: float, own: int, blockers: Blockers, chosen: Array) -> int:
+    """How many quads may stand between a block with `corners` (4, 3) and a lamp of radius `thick`; they go to `chosen`."""
     middle, beam, wide2 = np.empty(3), np.empty(3), thick * thick
     for axis in range(3):
         middle[axis] = (corners[0, axis] + corners[3, axis]) / 2
@@ -95,16 +95,16 @@ def between(corners: Array, lamp: Array, thick: float, own: int, faces: Blockers
         x, y, z = corners[k, 0] - middle[0], corners[k, 1] - middle[1], corners[k, 2] - middle[2]
         wide2 = max(wide2, x * x + y * y + z * z)
     wide, count = math.sqrt(wide2), 0
-    for f in range(len(faces.radius)):
-        m = faces.middle[f]
-        near2 = (faces.radius[f] + wide) ** 2
+    for f in range(len(blockers.radius)):
+        m = blockers.middle[f]
+        near2 = (blockers.radius[f] + wide) ** 2
         if (
             f == own
-            or faces.radius[f] < 0
+            or blockers.radius[f] < 0
             or beam_distance2(m[0] - middle[0], m[1] - middle[1], m[2] - middle[2], beam) > near2
         ):
             continue
-        plane = faces.planes[f, 0]
+        plane = blockers.planes[f, 0]
         far = dot(plane, lamp) - plane[3]
         low, high = math.inf, -math.inf
         for k in range(4):
@@ -119,7 +119,7 @@ def between(corners: Array, lamp: Array, thick: float, own: int, faces: Blockers
 
 @compiled
 def blocked(x: float, y: float, z: float, dx: float, dy: float, dz: float, f: int, planes: Array) -> bool:
-    """Whether face f lies on the way from (x, y, z) to (x + dx, y + dy, z + dz)."""
+    """Whether quad f lies between (x, y, z) and (x + dx, y + dy, z + dz)."""
     n = planes[f, 0]
     slope = n[0] * dx + n[1] * dy + n[2] * dz
     before = n[3] - (n[0] * x + n[1] * y + n[2] * z)
@@ -133,7 +133,7 @@ def blocked(x: float, y: float, z: float, dx: float, dy: float, dz: float, f: in
 
 @compiled
 def received(point: Array, normal: Array, lamps: Array, planes: Array, chosen: Array, count: int) -> float:
-    """What a point on a face receives from the points of one lamp (Lambert's cosine law)."""
+    """What a point on a quad receives from the points of one lamp (Lambert's cosine law)."""
     total, last = 0.0, 0
     lx, ly, lz = LIFT_M * normal[0], LIFT_M * normal[1], LIFT_M * normal[2]
     for i in range(len(lamps)):
@@ -141,7 +141,7 @@ def received(point: Array, normal: Array, lamps: Array, planes: Array, chosen: A
         cosine = dx * normal[0] + dy * normal[1] + dz * normal[2]
         if cosine <= 0:
             continue
-        for k in range(count):  # first the one that was in the way of the neighbour
+        for k in range(count):  # first the one that blocked the neighbour
             f = chosen[(last + k) % count]
             if blocked(
                 point[0] + lx, point[1] + ly, point[2] + lz,
@@ -157,13 +157,21 @@ def received(point: Array, normal: Array, lamps: Array, planes: Array, chosen: A
 
 @compiled
 def light_row(
-    f: int, y0: int, shape: Array, steps: Array, faces: Blockers, lamps: Array, first: Array, spheres: Array, out: Array
+    f: int,
+    y0: int,
+    shape: Array,
+    steps: Array,
+    blockers: Blockers,
+    lamps: Array,
+    first: Array,
+    spheres: Array,
+    out: Array,
 ) -> None:
-    """Add to the lattice `out` (rows, columns) of face f what the lamps give, in the row of blocks that starts at y0."""
+    """Add to the lattice `out` (rows, columns) of quad f what the lamps give, in the row of blocks that starts at y0."""
     rows, columns = shape[f]
-    corner, normal, du, dv = faces.corner[f], faces.normal[f], steps[f, 0], steps[f, 1]
+    corner, normal, du, dv = blockers.corner[f], blockers.normal[f], steps[f, 0], steps[f, 1]
     y1 = min(y0 + BLOCK, rows)
-    chosen, corners, point = np.empty(len(faces.radius), np.int64), np.empty((4, 3)), np.empty(3)
+    chosen, corners, point = np.empty(len(blockers.radius), np.int64), np.empty((4, 3)), np.empty(3)
     for x0 in range(0, columns, BLOCK):
         x1 = min(x0 + BLOCK, columns)
         for k in range(4):
@@ -172,15 +180,15 @@ def light_row(
                 corners[k, axis] = corner[axis] + LIFT_M * normal[axis] + x * du[axis] + y * dv[axis]
         for i in range(len(spheres)):
             middle, thick = spheres[i], spheres[i, 3]
-            if dot(normal, middle) - faces.planes[f, 0, 3] <= -thick:
+            if dot(normal, middle) - blockers.planes[f, 0, 3] <= -thick:
                 continue
-            count = between(corners, middle, thick, f, faces, chosen)
+            count = between(corners, middle, thick, f, blockers, chosen)
             points = lamps[first[i] : first[i + 1]]
             for y in range(y0, y1):
                 for x in range(x0, x1):
                     for axis in range(3):
                         point[axis] = corner[axis] + (x + 0.5) * du[axis] + (y + 0.5) * dv[axis]
-                    out[y, x] += received(point, normal, points, faces.planes, chosen, count)
+                    out[y, x] += received(point, normal, points, blockers.planes, chosen, count)
 
 
 @compiled_parallel
@@ -189,14 +197,14 @@ def light_up(
     shape: Array,
     start: Array,
     steps: Array,
-    faces: Blockers,
+    blockers: Blockers,
     lamps: Array,
     first: Array,
     spheres: Array,
     out: Array,
 ) -> None:
-    """The same for the lattices of all faces, which lie in `out` one after the other. A job: face, row of blocks."""
+    """The same for the lattices of all quads, which lie in `out` one after the other. A job: quad, row of blocks."""
     for job in numba.prange(len(jobs)):
         f, row = jobs[job, 0], jobs[job, 1]
         lattice = out[start[f] : start[f + 1]].reshape((shape[f, 0], shape[f, 1]))
-        light_row(f, row * BLOCK, shape, steps, faces, lamps, first, spheres, lattice)
+        light_row(f, row * BLOCK, shape, steps, blockers, lamps, first, spheres, lattice)

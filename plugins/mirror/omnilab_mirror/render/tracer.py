@@ -1,11 +1,11 @@
-"""The ray tracer: every face is a parallelogram, and all rays of an image leave one point, or points around it.
+"""Ray tracer of quads: every quad is a parallelogram, and all rays of an image leave one point, or points around it.
 
-With a face at corner p, edges e1 and e2, seen from O, let r0, r1, r2 be the rows of [p - O, e1, e2]^-1. The ray O + t d
-meets the face where w = r0.d > 0 and 0 <= r1.d <= w and 0 <= r2.d <= w, at t = 1 / w: the nearest face has the largest
-w. Whole blocks of pixels, and then the tiles in them, first sort out what none of their rays can see: a cone against the
-five planes through O that bound a face.
+With a quad at corner p, edges e1 and e2, seen from O, let r0, r1, r2 be the rows of [p - O, e1, e2]^-1. The ray O + t d
+meets the quad where w = r0.d > 0 and 0 <= r1.d <= w and 0 <= r2.d <= w, at t = 1 / w: the nearest quad has the largest
+w. Whole blocks of pixels, and then the tiles in them, first cull what none of their rays can see: a cone against the
+five planes through O that bound a quad.
 
-Rays that start at O + o instead, |o| <= rho, meet the face's plane n.x = n.p where t = (n.p - n.o) / n.d; w is 1 / t
+Rays that start at O + o instead, |o| <= rho, meet the quad's plane n.x = n.p where t = (n.p - n.o) / n.d; w is 1 / t
 again. From O a point that such a ray meets lies in another direction than d, by asin(rho / distance) at most, so the
 cones are that much wider, and nearer or farther by rho at most.
 """
@@ -26,7 +26,7 @@ Array = npt.NDArray[Any]
 F = TypeVar("F", bound=Callable[..., Any])
 # constants of this file, since numba's cache sees no changes in others
 TILE, BLOCK = 8, 32  # pixels
-EDGE = 1e-9  # neighbouring faces overlap by this much of 1/m, so that no ray slips between them
+EDGE = 1e-9  # neighbouring quads overlap by this much of 1/m, so that no ray slips between them
 
 
 def compiled(function: F) -> F:
@@ -48,22 +48,22 @@ class Cones(NamedTuple):
 
 
 class View(NamedTuple):
-    """F faces as seen from N viewpoints, in the camera's frame."""
+    """F quads as seen from N viewpoints, in the camera's frame."""
 
     rows: Array  # (N, F, 9): r0, r1, r2. Rays around O: (N, F, 12): n, n.p, and for both edges g, g.p with g.(x - p) the share
-    planes: Array  # (N, F, 5, 3): inward unit normals of the planes through O that bound the face; r0's first
-    reach: Array  # (N, F): the length of r0, 1 over the distance of the face's plane
+    planes: Array  # (N, F, 5, 3): inward unit normals of the planes through O that bound the quad; r0's first
+    reach: Array  # (N, F): the length of r0, 1 over the distance of the quad's plane
     density: Array  # (N, F): texels of the finest level over |det| (rays around O: over the area)
     turn: Array  # (N, 3, 3): from the camera's directions to the world's
 
 
 def view_from(T_world_camera: Array, corner: Array, edges: Array, texels: Array) -> View:
-    """Faces with corners (F, 3), edges (F, 2, 3) and `texels` (F,) as seen from poses (N, 4, 4)."""
+    """Quads with corners (F, 3), edges (F, 2, 3) and `texels` (F,) as seen from poses (N, 4, 4)."""
     p = corner - T_world_camera[:, None, :3, 3]
     e1, e2 = np.broadcast_to(edges[:, 0], p.shape), np.broadcast_to(edges[:, 1], p.shape)
     normal = np.cross(edges[:, 0], edges[:, 1])
     det = np.einsum("nfi,fi->nf", p, normal)
-    edge_on = np.abs(det) < 1e-12  # the viewpoint lies in the face's plane
+    edge_on = np.abs(det) < 1e-12  # the viewpoint lies in the quad's plane
     inverse = np.where(edge_on, 0.0, 1 / np.where(edge_on, 1.0, det))
     rows = np.stack([np.broadcast_to(normal, p.shape), np.cross(e2, p), np.cross(p, e1)], 2) * inverse[..., None, None]
     rows = rows @ T_world_camera[:, None, :3, :3]
@@ -105,7 +105,7 @@ def widened(cos: float, sin: float, by: float) -> tuple[float, float]:
 
 
 @compiled
-def sift(
+def cull(
     axis: Array,
     spread: Array,
     around: float,
@@ -116,13 +116,13 @@ def sift(
     chosen: Array,
     limit: Array,
 ) -> int:
-    """Which of the first `number` faces of `among` a cone may see: how many they are.
+    """Which of the first `number` quads of `among` a cone may see: how many they are.
 
     They go to `chosen`, nearest first, and the largest w that each can have to `limit`.
     """
     cos, sin = spread[0], spread[1]
     count = 0
-    behind = 0.0  # some face fills the cone at this w or more: what stays below is hidden
+    behind = 0.0  # some quad fills the cone at this w or more: what stays below is hidden
     for n in range(number):
         f = among[n]
         if around > 0:
@@ -157,7 +157,7 @@ def sift(
 
 @compiled
 def nearest(x: float, y: float, z: float, rows: Array, limit: Array, count: int) -> tuple[int, float, float, float]:
-    """Which of `count` faces (C, 9) a ray meets first (-1: none), how far away, and where: fractions of its edges."""
+    """Which of `count` quads (C, 9) a ray meets first (-1: none), how far away, and where: fractions of its edges."""
     hit, best, b1, b2 = -1, 0.0, 0.0, 0.0
     for k in range(count):
         if limit[k] <= best:
@@ -176,7 +176,7 @@ def nearest(x: float, y: float, z: float, rows: Array, limit: Array, count: int)
 def nearest_around(
     x: float, y: float, z: float, ox: float, oy: float, oz: float, rows: Array, limit: Array, count: int
 ) -> tuple[int, float, float, float, float]:
-    """The same for a ray that starts at (ox, oy, oz), with faces (C, 12); last, its start's distance from the plane hit."""
+    """The same for a ray that starts at (ox, oy, oz), with quads (C, 12); last, its start's distance from the plane hit."""
     hit, best, b1, b2, off = -1, 0.0, 0.0, 0.0, 1.0
     for k in range(count):
         if limit[k] <= best:
@@ -214,7 +214,7 @@ def add_texel(texels: Array, start: int, width: int, height: int, x: float, y: f
 def first_hit(
     rays: Array, starts: Array | None, v: int, u: int, s: int, rows: Array, limit: Array, count: int
 ) -> tuple[int, float, float, float, float]:
-    """What `nearest_around` tells, of one of the rays that start there or, with None, in the viewpoint."""
+    """The result of `nearest_around` for one of the rays that start there or, with None, in the viewpoint."""
     dx, dy, dz = rays[v, u, s, 0], rays[v, u, s, 1], rays[v, u, s, 2]
     if starts is not None:
         ox, oy, oz = starts[v, u, s, 0], starts[v, u, s, 1], starts[v, u, s, 2]
@@ -261,7 +261,7 @@ def shade(
     """Fill the pixels of a tile in the image `out` (H, W, C) with the means over their rays."""
     top, bottom, left, right = tile
     samples = rays.shape[2]
-    sky = len(atlas.first) - 1 > len(density)  # its picture follows the faces'
+    sky = len(atlas.first) - 1 > len(density)  # its picture follows the quads'
     total = np.empty(out.shape[2], np.float64)
     for v in range(top, bottom):
         for u in range(left, right):
@@ -270,7 +270,7 @@ def shade(
                 k, t, x, y, apart = first_hit(rays, starts, v, u, s, rows, limit, count)
                 if k >= 0:
                     f = chosen[k]
-                    # the pixel covers solid_angle t^2 / cos on the face
+                    # the pixel covers solid_angle t^2 / cos on the quad
                     level = level_of(atlas, f, rays[v, u, s, 3] * density[f] * (t * t * t) / apart)
                     add_texel(
                         atlas.texels,
@@ -315,33 +315,33 @@ def trace(
     """
     height, width = rays.shape[:2]
     blocks_v, blocks_u = blocks.axis.shape[:2]
-    faces = view.reach.shape[1]
+    quads = view.reach.shape[1]
     for job in numba.prange(len(out) * blocks_v):
         i, bv = job // blocks_v, job % blocks_v
         planes, reach, all_rows, density = view.planes[i], view.reach[i], view.rows[i], view.density[i]
-        everything = np.arange(faces)
+        everything = np.arange(quads)
         some, few, limit, rows = (
-            np.empty(faces, np.int64),
-            np.empty(faces, np.int64),
-            np.empty(faces),
-            np.empty((faces, all_rows.shape[1])),
+            np.empty(quads, np.int64),
+            np.empty(quads, np.int64),
+            np.empty(quads),
+            np.empty((quads, all_rows.shape[1])),
         )
         for bu in range(blocks_u):
-            number = sift(
+            number = cull(
                 blocks.axis[bv, bu],
                 blocks.spread[bv, bu],
                 blocks.around[bv, bu],
                 planes,
                 reach,
                 everything,
-                faces,
+                quads,
                 some,
                 limit,
             )
             for v in range(bv * BLOCK, min(bv * BLOCK + BLOCK, height), TILE):
                 for u in range(bu * BLOCK, min(bu * BLOCK + BLOCK, width), TILE):
                     tv, tu = v // TILE, u // TILE
-                    count = sift(
+                    count = cull(
                         tiles.axis[tv, tu],
                         tiles.spread[tv, tu],
                         tiles.around[tv, tu],

@@ -1,1 +1,1 @@
-"""Virtual worlds as data: files, objects, textures, meshes, light, free space."""
+"""Virtual worlds as data: files, objects, textures, meshes, light. Nothing here imports `render`."""

@@ -1,4 +1,4 @@
-"""What rooms, houses and squares are built of: areas, walls with openings, doors, cylinders, buildings, trees."""
+"""Objects that rooms, houses and squares are built of: areas, walls with openings, doors, cylinders, buildings, trees."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from omnilab_mirror.scene.quads import Area, Face, Model, Place, name_of, place_of
+from omnilab_mirror.scene.model import Model, name_of, place_of
+from omnilab_mirror.scene.quads import Area, Place, Quad
 from omnilab_mirror.scene.textures.canvas import Paint, Sheet
 from omnilab_mirror.scene.textures.procedural import paint_of
 from omnilab_mirror.scene.world_yaml import Section
@@ -21,10 +22,10 @@ def area(s: Section, model: Model) -> None:
     (x, y), (dx, dy) = s.numbers("at", 2, [0, 0]), s.size("size", 2)
     low = np.array([x - dx / 2, y - dy / 2, s.number("z", 0.0)])
     height = s.number("height", SKY_M, 0.1, SKY_M)
-    model.faces.append(Face(low, np.array([dx, 0, 0]), np.array([0, dy, 0]), paint_of(s, "floor", model.paints)))
+    model.quads.append(Quad(low, np.array([dx, 0, 0]), np.array([0, dy, 0]), paint_of(s, "floor", model.paints)))
     if "height" in s:
         paint, corner = paint_of(s, "ceiling", model.paints), np.add(low, [0, dy, height])
-        model.faces.append(Face(corner, np.array([dx, 0, 0]), np.array([0, -dy, 0]), paint, overhead=True))
+        model.quads.append(Quad(corner, np.array([dx, 0, 0]), np.array([0, -dy, 0]), paint, overhead=True))
     model.areas.append(Area(name_of(s), low, np.add(low, [dx, dy, height]), walled=False))
 
 
@@ -47,20 +48,20 @@ def wall(s: Section, model: Model) -> None:
     holes = _holes(s, length, height)
     for x0, x1, z0, z1 in _pieces(holes, length, height):
         dx, dz = (x1 - x0, 0, 0), (0, 0, z1 - z0)
-        model.faces.append(place.face((x0, -half, z0), dx, dz, front.part(x0, z0)))
-        model.faces.append(place.face((x1, half, z0), (x0 - x1, 0, 0), dz, back.part(length - x1, z0)))
+        model.quads.append(place.quad((x0, -half, z0), dx, dz, front.part(x0, z0)))
+        model.quads.append(place.quad((x1, half, z0), (x0 - x1, 0, 0), dz, back.part(length - x1, z0)))
         model.solid(name, place, (x0, -half, z0), (x1, half, z1))
     for x0, x1, z0, z1 in holes:
         dx, dy, dz = (x1 - x0, 0, 0), (0, thick, 0), (0, 0, z1 - z0)
-        model.faces.append(place.face((x0, -half, z0), dy, dz, edge))
-        model.faces.append(place.face((x1, half, z0), (0, -thick, 0), dz, edge))
-        model.faces.append(place.face((x0, half, z1), dx, (0, -thick, 0), edge))
+        model.quads.append(place.quad((x0, -half, z0), dy, dz, edge))
+        model.quads.append(place.quad((x1, half, z0), (0, -thick, 0), dz, edge))
+        model.quads.append(place.quad((x0, half, z1), dx, (0, -thick, 0), edge))
         if z0 > 0:
-            model.faces.append(place.face((x0, -half, z0), dx, dy, edge))
+            model.quads.append(place.quad((x0, -half, z0), dx, dy, edge))
     if s.flag("free", False):
-        model.faces.append(place.face((0, half, 0), (0, -thick, 0), (0, 0, height), edge))
-        model.faces.append(place.face((length, -half, 0), (0, thick, 0), (0, 0, height), edge))
-        model.faces.append(place.face((0, -half, height), (length, 0, 0), (0, thick, 0), edge))
+        model.quads.append(place.quad((0, half, 0), (0, -thick, 0), (0, 0, height), edge))
+        model.quads.append(place.quad((length, -half, 0), (0, thick, 0), (0, 0, height), edge))
+        model.quads.append(place.quad((0, -half, height), (length, 0, 0), (0, thick, 0), edge))
 
 
 def _holes(s: Section, length: float, height: float) -> list[tuple[float, float, float, float]]:
@@ -91,7 +92,7 @@ def _pieces(
 
 
 def door(s: Section, model: Model) -> None:
-    """A door's leaf on its hinge `at` (x, y): closed, it lies along +x, turned by `turn_deg`; `open_deg` opens it further."""
+    """A door's leaf on its hinge `at` (x, y): closed, it lies along +x, rotated by `turn_deg`; `open_deg` opens it further."""
     closed, (width, height) = place_of(s), s.size("size", 2, [0.9, 2.0])
     leaf = Place(closed.at, closed.turn_rad + np.deg2rad(s.number("open_deg", 0.0, -180, 180)))
     half = s.number("thickness", 0.04, 0.005, 1) / 2
@@ -119,20 +120,20 @@ def _prism(model: Model, place: Place, diameter: float, height: float, sides: in
     edge = diameter * np.sin(np.pi / sides)
     around = edge * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
     middle = Place(np.add(place.at, [0, 0, height / 2]), place.turn_rad)
-    before = len(model.faces)
+    before = len(model.quads)
     model.zonohedron(middle, [*around, (0, 0, height)], paint, top)
     if place.at[2] == 0:  # it stands on the floor, and hides its lower end
-        model.faces[before:] = [f for f in model.faces[before:] if (f.corner + f.u + f.v)[2] > height / 2]
+        model.quads[before:] = [f for f in model.quads[before:] if (f.corner + f.u + f.v)[2] > height / 2]
 
 
 def building(s: Section, model: Model) -> None:
-    """A house: `at`, `size`, a `texture` on its four sides (its front, which looks to -y, may differ) and a `roof`."""
+    """A house: `at`, `size`, a `texture` on its four sides (its front, at -y, may differ) and a `roof`."""
     place, size = place_of(s), np.array(s.size("size", 3))
     low, high = size * [-0.5, -0.5, 0], size * [0.5, 0.5, 1]
     paint = paint_of(s, "texture", model.paints)
     front = paint_of(s, "front", model.paints) if "front" in s else paint
     model.box(place, low, high, paint, front, paint_of(s, "roof", model.paints))
-    model.faces.pop()  # what it stands on is never seen
+    model.quads.pop()  # what it stands on is never seen
     model.solid(name_of(s), place, low, high)
 
 
@@ -141,9 +142,9 @@ def tree(s: Section, model: Model) -> None:
     place, (width, height) = place_of(s), s.size("size", 2)
     bare = s.number("trunk_m", 0.35 * height, 0.01, height)
     leaves, bark = paint_of(s, "texture", model.paints), paint_of(s, "bark", model.paints, (95, 75, 60))
-    before = len(model.faces)
+    before = len(model.quads)
     _prism(model, place, 0.1 * width, bare + 0.2 * (height - bare), 6, bark, bark)
-    model.faces[before:] = [face for face in model.faces[before:] if face.u[2] or face.v[2]]  # the crown hides its top
+    model.quads[before:] = [quad for quad in model.quads[before:] if quad.u[2] or quad.v[2]]  # the crown hides its top
     reach = np.abs(CROWN).sum(axis=0)
     crown = Place(np.add(place.at, [0, 0, (bare + height) / 2]), place.turn_rad)
     model.zonohedron(crown, CROWN / reach * [width, width, height - bare], leaves)

@@ -1,4 +1,4 @@
-"""Light, which is painted into the faces' pictures when a world is loaded: it costs nothing when images are traced."""
+"""Light of a world as data: ambient light and lamps."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from omnilab.api import Floats
-from omnilab_mirror.scene.quads import Face
 from omnilab_mirror.scene.world_yaml import Section
 
-LAMP_POINTS = 12  # where shadows look for a lamp: enough for edges that are soft and not stepped
+LAMP_POINTS = 12  # on each lamp's surface, that shadow rays go to: enough for edges that are soft and not stepped
 
 
 @dataclass(frozen=True)
@@ -34,37 +33,19 @@ class Lamp:
 
 
 @dataclass(frozen=True)
-class Light:
-    """What falls on every face alike, and the lamps, whose light is kept off by all faces that do not glow."""
+class Illumination:
+    """What falls on every quad alike, and the lamps, whose light is kept off by all quads that do not glow."""
 
     ambient: float
     lamps: list[Lamp]
     shadows: bool = True
     skylight: float = 0.0  # added to the ambient light of what faces the sky, taken from what faces away
 
-    def on(self, faces: list[Face], spacing_m: float) -> list[Floats]:
-        """Brightness (rows, columns) of each face on a lattice about `spacing_m` wide, its nodes in its cells' middles.
 
-        The ambient light, and of each lamp what Lambert's cosine law and the faces in between let through.
-        """
-        from omnilab_mirror.render.shadows import lamplight
-
-        points = [lamp.points(self.shadows) for lamp in self.lamps]
-        lamps = np.array(
-            [
-                (*point, lamp.power / len(around), lamp.reach_m)
-                for lamp, around in zip(self.lamps, points, strict=True)
-                for point in around
-            ]
-        ).reshape(-1, 5)
-        first = np.cumsum([0, *map(len, points)])
-        return [self.ambient + light for light in lamplight(faces, lamps, first, spacing_m, self.shadows)]
-
-
-def light(s: Section, lamps: list[Section]) -> Light:
+def light(s: Section, lamps: list[Section]) -> Illumination:
     """The light that the section `light` and those of its `lamps` describe."""
     s.value("lamps", None)
-    result = Light(s.number("ambient", 0.5, 0, 10), [_lamp(lamp) for lamp in lamps], s.flag("shadows", True))
+    result = Illumination(s.number("ambient", 0.5, 0, 10), [_lamp(lamp) for lamp in lamps], s.flag("shadows", True))
     s.done()
     return result
 

@@ -1,5 +1,4 @@
-"""What a world is furnished with. A new kind is a function here, which reads its keys and adds faces, and a line in
-`OBJECTS`."""
+"""Objects of a world file. A new kind is a function here, which reads its keys and adds quads, and a line in `OBJECTS`."""
 
 from __future__ import annotations
 
@@ -10,7 +9,8 @@ import numpy as np
 
 from omnilab.errors import DataError
 from omnilab_mirror.scene.architecture import area, building, cylinder, door, tree, wall
-from omnilab_mirror.scene.quads import Area, Face, Model, Place, name_of, place_of
+from omnilab_mirror.scene.model import Model, name_of, place_of
+from omnilab_mirror.scene.quads import Area, Place, Quad
 from omnilab_mirror.scene.textures.procedural import paint_of
 from omnilab_mirror.scene.world_yaml import Section
 
@@ -29,12 +29,12 @@ def room(s: Section, model: Model) -> None:
     model.room = np.array([[-x, -y, 0], [x, y, z]])
     model.areas.append(Area(name_of(s), model.room[0], model.room[1], walled=True))
     level = Place(np.zeros(3), 0.0)
-    model.faces.append(level.face((-x, -y, 0), (2 * x, 0, 0), (0, 2 * y, 0), paint_of(s, "floor", model.paints)))
-    ceiling = level.face((-x, y, z), (2 * x, 0, 0), (0, -2 * y, 0), paint_of(s, "ceiling", model.paints))
-    model.faces.append(Face(ceiling.corner, ceiling.u, ceiling.v, ceiling.paint, overhead=True))
+    model.quads.append(level.quad((-x, -y, 0), (2 * x, 0, 0), (0, 2 * y, 0), paint_of(s, "floor", model.paints)))
+    ceiling = level.quad((-x, y, z), (2 * x, 0, 0), (0, -2 * y, 0), paint_of(s, "ceiling", model.paints))
+    model.quads.append(Quad(ceiling.corner, ceiling.u, ceiling.v, ceiling.paint, overhead=True))
     for name, (towards, right) in WALLS.items():
         middle, along = np.array([*towards, 0]) * size / 2, np.array([*right, 0]) * size / 2
-        model.faces.append(level.face(middle - along, 2 * along, (0, 0, z), paint_of(s, name, model.paints)))
+        model.quads.append(level.quad(middle - along, 2 * along, (0, 0, z), paint_of(s, name, model.paints)))
 
 
 def panel(s: Section, model: Model) -> None:
@@ -49,18 +49,18 @@ def panel(s: Section, model: Model) -> None:
     # some millimetres into the room: in one plane with the wall, they would shine through each other
     middle = towards * (half - s.number("depth_m", 0.005, 0.001, 1)) + abs(right) * along
     corner = middle * [1, 1, 0] - right * (width / 2) + [0, 0, bottom]
-    model.faces.append(Face(corner, right * width, np.array([0, 0, height]), paint_of(s, "texture", model.paints)))
+    model.quads.append(Quad(corner, right * width, np.array([0, 0, height]), paint_of(s, "texture", model.paints)))
 
 
 def rug(s: Section, model: Model) -> None:
     """A flat thing on the floor, or at height `z`: `at` (x, y), `size` (x, y)."""
     place, (x, y) = place_of(s), s.size("size", 2)
     paint = paint_of(s, "texture", model.paints)
-    model.faces.append(place.face((-x / 2, -y / 2, 0.004), (x, 0, 0), (0, y, 0), paint))
+    model.quads.append(place.quad((-x / 2, -y / 2, 0.004), (x, 0, 0), (0, y, 0), paint))
 
 
 def box(s: Section, model: Model) -> None:
-    """A box, shelf or cupboard: `at` (x, y), `z` of its bottom, `size`; its `front` looks to -y before it is turned."""
+    """A box, shelf or cupboard: `at` (x, y), `z` of its bottom, `size`; its `front` is at -y before it is rotated."""
     place, size = place_of(s), np.array(s.size("size", 3))
     low, high = size * [-0.5, -0.5, 0], size * [0.5, 0.5, 1]
     paint = paint_of(s, "texture", model.paints)
@@ -79,7 +79,7 @@ def table(s: Section, model: Model) -> None:
 
 
 def chair(s: Section, model: Model) -> None:
-    """A seat on four legs with a back; one sits looking to -y before it is turned."""
+    """A seat on four legs with a back; one sits facing -y before it is rotated."""
     place, (x, y, z) = place_of(s), s.size("size", 3, [0.45, 0.45, 0.9])
     paint = paint_of(s, "texture", model.paints)
     model.box(place, (-x / 2, -y / 2, z / 2 - 0.05), (x / 2, y / 2, z / 2), paint)
@@ -99,13 +99,13 @@ def plant(s: Section, model: Model) -> None:
         out, side = np.array([np.cos(angle), np.sin(angle), 0]), np.array([-np.sin(angle), np.cos(angle), 0])
         lean = r * (0.35 + 0.65 * ((i * 5) % 7) / 6)
         tip = out * lean + [0, 0, height * (0.75 - 0.25 * lean / r)]
-        model.faces.append(
-            place.face(out * r / 8 - side * width / 12 + [0, 0, height / 4], side * width / 6, tip, leaves)
+        model.quads.append(
+            place.quad(out * r / 8 - side * width / 12 + [0, 0, height / 4], side * width / 6, tip, leaves)
         )
     model.solid(name_of(s), place, (-r, -r, 0), (r, r, height))
 
 
-def face(s: Section, model: Model) -> None:
+def quad(s: Section, model: Model) -> None:
     """One parallelogram: its four `corners`, counter-clockwise as seen from the front."""
     corners = np.array(s.points("corners"), float).reshape(-1, 3)
     if len(corners) != 4:
@@ -118,7 +118,7 @@ def face(s: Section, model: Model) -> None:
         raise s.invalid("corners", corners.tolist(), "4 corners in one plane; move one or split the face")
     if np.linalg.norm(u + v - diagonal) > 1e-4:
         raise s.invalid("corners", corners.tolist(), "a parallelogram, whose opposite edges are equal")
-    model.faces.append(Face(corners[0], u, v, paint_of(s, "texture", model.paints)))
+    model.quads.append(Quad(corners[0], u, v, paint_of(s, "texture", model.paints)))
 
 
 def mesh(s: Section, model: Model) -> None:
@@ -147,7 +147,7 @@ OBJECTS: dict[str, Callable[[Section, Model], None]] = {
     "chair": chair,
     "cylinder": cylinder,
     "door": door,
-    "face": face,
+    "face": quad,
     "mesh": mesh,
     "panel": panel,
     "plant": plant,
@@ -161,12 +161,12 @@ OBJECTS: dict[str, Callable[[Section, Model], None]] = {
 
 def add_object(s: Section, number: int, model: Model) -> None:
     """Add what a section of `objects` describes. `number`: what its textures draw from, whatever else is in the world."""
-    before = len(model.faces)
+    before = len(model.quads)
     OBJECTS[s.choice("kind", OBJECTS)](s, model)
     name = name_of(s)
     s.done()
-    for i, face in enumerate(model.faces[before:]):
-        model.faces[before + i] = replace(face, name=name, seed=(number, i))
+    for i, quad in enumerate(model.quads[before:]):
+        model.quads[before + i] = replace(quad, name=name, seed=(number, i))
 
 
 def _legs(model: Model, place: Place, size: tuple[float, float, float], leg: float, s: Section) -> None:

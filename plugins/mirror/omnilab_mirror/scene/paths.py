@@ -1,4 +1,4 @@
-"""Routes of a world file: polylines on the floor, along which a robot takes images."""
+"""Paths of a world file: polylines on the floor, along which a robot takes images."""
 
 from __future__ import annotations
 
@@ -51,11 +51,10 @@ class Route:
         steps = max(1, round(self.length_m / self.step_m))
         distance = np.arange(steps + (not self.closed)) * (self.length_m / steps)
         ahead, behind = self.at(distance + self.turn_m), self.at(distance - self.turn_m)
-        way = np.where(
-            _long(ahead - behind), ahead - behind, ahead - self.at(distance)
-        )  # where it turns back on itself
+        # the difference vanishes where the route turns back on itself
+        motion = np.where(_long(ahead - behind), ahead - behind, ahead - self.at(distance))
         position = np.column_stack([self.at(distance), np.full(len(distance), height_m)])
-        return planar_poses(position, np.arctan2(way[:, 1], way[:, 0]))
+        return planar_poses(position, np.arctan2(motion[:, 1], motion[:, 0]))
 
 
 def _long(vectors: Floats) -> Floats:

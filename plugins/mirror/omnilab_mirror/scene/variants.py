@@ -1,4 +1,4 @@
-"""Variants: the same world with another light, and objects removed, changed or added."""
+"""Variants of a world file: the same world with another light, and objects removed, changed or added."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ADDED = 1_000_000  # numbers of objects that a variant adds, so that all others 
 
 @dataclass(frozen=True)
 class Content:
-    """What a world file says of a variant: objects with their numbers, lamps, and sections with the keys `light` and `sky`."""
+    """Contents of a variant: objects with their numbers, lamps, and sections with the keys `light` and `sky`."""
 
     objects: list[tuple[int, Section]]
     lamps: list[Section]

@@ -20,7 +20,7 @@ REQUIRED = object()
 
 
 class Section:
-    """A mapping of a world file. Values are taken by name and checked; `done` refuses what nobody took."""
+    """A mapping of a world file. Values are taken by name and checked; `done` refuses the rest."""
 
     def __init__(self, file: Path, title: str, node: yaml.Node) -> None:
         self.file, self.title, self.line = file, title, _line(node)
@@ -47,7 +47,7 @@ class Section:
         return iter(self._nodes)
 
     def done(self) -> None:
-        """Refuse the keys that were not asked for."""
+        """Refuse the keys that were not read."""
         for key in self._nodes.keys() - self._taken:
             raise self.wrong(f"has an unknown key '{key}'; {suggestion(key, self._taken)}", self._nodes[key])
 

@@ -1,1 +1,1 @@
-"""Virtual cameras as sensors, by what they look through."""
+"""Virtual cameras as sensors, by their optics: mirrors, lenses, panoramas."""

@@ -1,4 +1,4 @@
-"""Sensors with a lens, or as a calibration tool describes them."""
+"""Dioptric sensors: a lens or two, or any calibrated camera."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sensors with a mirror: a camera below looks up into it."""
+"""Catadioptric sensors: a mirror, and a camera below that looks up into it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sensors whose pictures are panoramas: column 0 looks to the camera frame's +x, azimuth grows along the columns."""
+"""Panoramic sensors: column 0 looks to the camera frame's +x, azimuth grows along the columns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which poses a layout asks for, and which of them a world leaves free."""
+"""Poses that a layout requests, as far as a world leaves them free."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import numpy as np
 from omnilab.api import Floats, GridPoses, NamedPath, PathPoses, PoseRequest, RandomPoses, RecordedPoses
 from omnilab.errors import DataError, did_you_mean
 from omnilab.geometry import planar_poses
+from omnilab_mirror.render.free_space import obstacles
 from omnilab_mirror.scene.world import World
 
 
@@ -38,9 +39,9 @@ def _grid(
         )
     x, y = (-side / 2 + layout.step_m * np.arange(int(side / layout.step_m + 1e-6) + 1) for side in extent)
     points = np.array([(px, py, height) for py in y for px in x])
-    obstacles = world.obstacles(points, on_floor)
-    omitted = [f"x={p[0]:.2f} y={p[1]:.2f}: {why}" for p, why in zip(points, obstacles, strict=True) if why]
-    free = points[[not why for why in obstacles]]
+    found = obstacles(world, points, on_floor)
+    omitted = [f"x={p[0]:.2f} y={p[1]:.2f}: {why}" for p, why in zip(points, found, strict=True) if why]
+    free = points[[not why for why in found]]
     if len(free) == 0:
         raise DataError(
             f"none of the grid's {len(points)} nodes is free at height {height:g} m; change extent_m or height_m"
@@ -56,7 +57,7 @@ def _random(layout: RandomPoses, world: World, extent: tuple[float, float], heig
     points = np.empty((0, 3))
     for _ in range(100):
         drawn = np.column_stack([rng.uniform(-half, half, (layout.count, 2)), np.full(layout.count, height)])
-        points = np.concatenate([points, drawn[[not why for why in world.obstacles(drawn, on_floor)]]])
+        points = np.concatenate([points, drawn[[not why for why in obstacles(world, drawn, on_floor)]]])
         if len(points) >= layout.count:
             return planar_poses(points[: layout.count], _headings(rng, layout))
     raise DataError(
@@ -87,7 +88,7 @@ def _path(layout: PathPoses, world: World) -> Floats:
     R = T[:, :3, :3]
     if not np.allclose(R @ R.transpose(0, 2, 1), np.eye(3), atol=1e-6) or np.any(np.linalg.det(R) < 0):
         raise DataError("a path's T_world_camera must hold rotations; orthonormalise their upper left 3 x 3")
-    for i, why in enumerate(world.obstacles(T[:, :3, 3])):
+    for i, why in enumerate(obstacles(world, T[:, :3, 3])):
         if why:
             x, y, z = T[i, :3, 3]
             raise DataError(f"pose {i} of the path, at ({x:.2f}, {y:.2f}, {z:.2f}) m, is {why}; move it")

@@ -1,4 +1,4 @@
-"""What all virtual cameras share: a world, poses in it, and the rays of a camera model traced into it."""
+"""Base class of the virtual cameras: a world, poses in it, and the rays of a camera model traced into it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class VirtualCamera(ABC):
     variant: str | None = None  # of the world: one that its file names, with another light or other objects
     color: bool = False  # RGB rather than grey
     samples: int = 4  # rays a pixel: 1, 4, 9, ... against jagged edges
-    height_m: float = 1.0  # of the viewpoint, where a layout says nothing
+    height_m: float = 1.0  # of the viewpoint, where a layout gives none
     on_floor: bool = True  # a robot carries the camera: grids and random poses keep clear of furniture below, too
     batch: int = 64  # images rendered at once
     depth: bool = False  # also how far each pixel sees
@@ -44,7 +44,7 @@ class VirtualCamera(ABC):
 
     def plan(self, layout: PoseRequest) -> Plan:
         """The layout's poses, less those inside furniture or outside the room, which `omitted` lists."""
-        from omnilab_mirror.scene.world import load_world
+        from omnilab_mirror.scene.load import load_world
         from omnilab_mirror.sensors.poses import poses_of
 
         world = load_world(self.world, self.variant)
@@ -56,7 +56,7 @@ class VirtualCamera(ABC):
         if plan.T_world_camera is None:
             raise DataError("a virtual sensor cannot image a plan without poses; ask this sensor's plan() for one")
         from omnilab_mirror.render.render import depth_of, render
-        from omnilab_mirror.scene.world import load_world
+        from omnilab_mirror.scene.load import load_world
 
         world, camera = load_world(self.world, self.variant), self.camera
         for start in range(0, len(plan), self.batch):
@@ -67,9 +67,9 @@ class VirtualCamera(ABC):
             yield Frames(images, plan.at(index).keys, FRAME_NS * index, camera, index, T_world_camera, depth_m=depth)
 
     def scene(self) -> Mesh:
-        """The world's faces in coarse colours, open from above."""
-        from omnilab_mirror.scene.viewer_mesh import mesh_of
-        from omnilab_mirror.scene.world import load_world
+        """The world's quads in coarse colours, open from above."""
+        from omnilab_mirror.render.viewer_mesh import mesh_of
+        from omnilab_mirror.scene.load import load_world
 
         return mesh_of(load_world(self.world, self.variant))
 

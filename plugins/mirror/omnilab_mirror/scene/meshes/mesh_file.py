@@ -19,9 +19,9 @@ import trimesh
 from PIL import Image
 
 from omnilab.errors import DataError
-from omnilab_mirror.scene.meshes.mesh_materials import GREY, MAX_PIXELS, Look
+from omnilab_mirror.scene.file_stamps import Stamp, stamp_of
+from omnilab_mirror.scene.meshes.mesh_materials import GREY, MAX_PIXELS, MeshMaterials
 from omnilab_mirror.scene.meshes.triangles import Triangles, joined
-from omnilab_mirror.scene.world import stamp_of
 
 log = logging.getLogger("omnilab")
 Array = npt.NDArray[Any]
@@ -40,16 +40,16 @@ class MeshFile:
     triangles: Triangles  # z up, in metres as the file has them
     digest: str  # of the file, its materials and its textures
     notes: list[str]  # what is wrong with it and could be mended
-    sources: dict[Path, tuple[int, int]]  # all files that were read, with `stamp_of` each
+    sources: dict[Path, Stamp]  # all files that were read, with `stamp_of` each
 
 
 @dataclass
-class Folder:
+class MeshFolder:
     """Gives trimesh the files beside a mesh; a grey pixel stands in for textures that cannot be had."""
 
     root: Path
     files: dict[Path, bytes] = field(default_factory=dict)
-    stamps: dict[Path, tuple[int, int]] = field(default_factory=dict)  # of those and of the missing
+    stamps: dict[Path, Stamp] = field(default_factory=dict)  # of those and of the missing
     missing: dict[str, str] = field(default_factory=dict)
 
     def get(self, key: str) -> bytes:
@@ -81,11 +81,11 @@ class Folder:
 
 
 def read_mesh(file: Path, up: str | None = None) -> MeshFile:
-    """The triangles of a mesh file, turned so that z is up; `up`: the file's axis (None: y in GLB, else z)."""
+    """The triangles of a mesh file, rotated so that z is up; `up`: the file's axis (None: y in GLB, else z)."""
     suffix = file.suffix.lower()
     if suffix not in TYPES:
         raise DataError(f"{file} has the ending '{file.suffix}'; meshes are read from .obj, .glb and .ply: convert it")
-    stamp, data, folder = stamp_of(file), _bytes(file), Folder(file.parent)
+    stamp, data, folder = stamp_of(file), _bytes(file), MeshFolder(file.parent)
     scene = _scene(file, data, folder)
     triangles, notes = _sound(file, _all(file, scene, folder))
     if folder.missing:
@@ -111,7 +111,7 @@ def _bytes(file: Path) -> bytes:
         raise DataError(f"{file} cannot be read ({error.strerror}); correct the path") from None
 
 
-def _scene(file: Path, data: bytes, folder: Folder) -> trimesh.Scene:
+def _scene(file: Path, data: bytes, folder: MeshFolder) -> trimesh.Scene:
     kind = TYPES[file.suffix.lower()]
     options = {"split_objects": True} if kind == "obj" else {}
     try:
@@ -124,8 +124,8 @@ def _scene(file: Path, data: bytes, folder: Folder) -> trimesh.Scene:
         raise DataError(f"{file} is no whole {kind.upper()} file ({cause}); save it again") from None
 
 
-def _mended(data: bytes, folder: Folder) -> bytes:
-    """A GLB file whose broken pictures are told and referred to the folder: trimesh would leave them out in silence."""
+def _mended(data: bytes, folder: MeshFolder) -> bytes:
+    """A GLB file whose broken pictures are noted in `folder.missing` and referred to it: trimesh would leave them out in silence."""
     try:
         (length,) = struct.unpack_from("<I", data, 12)
         header, rest = json.loads(data[20 : 20 + length]), data[20 + length :]
@@ -154,7 +154,7 @@ def _cause(error: Exception) -> str:
     return str(getattr(error, "strerror", None) or error).split(" <")[0]
 
 
-def _all(file: Path, scene: trimesh.Scene, folder: Folder) -> Triangles:
+def _all(file: Path, scene: trimesh.Scene, folder: MeshFolder) -> Triangles:
     """All meshes of a scene where its graph places them."""
     nodes = [scene.graph[node] for node in scene.graph.nodes_geometry]
     placed = [(T, name, scene.geometry[name]) for T, name in nodes]
@@ -164,16 +164,16 @@ def _all(file: Path, scene: trimesh.Scene, folder: Folder) -> Triangles:
         raise DataError(f"{file} holds no triangles; export the mesh with its faces")
     if count > MAX_TRIANGLES:
         raise DataError(f"{file} has {count} triangles, {MAX_TRIANGLES} may be read; decimate the mesh")
-    look = Look(file, folder.missing)
-    return joined([_part(file, np.asarray(T), name, mesh, look) for T, name, mesh in placed])
+    materials = MeshMaterials(file, folder.missing)
+    return joined([_part(file, np.asarray(T), name, mesh, materials) for T, name, mesh in placed])
 
 
-def _part(file: Path, T: Array, name: str, mesh: trimesh.Trimesh, look: Look) -> Triangles:
+def _part(file: Path, T: Array, name: str, mesh: trimesh.Trimesh, materials: MeshMaterials) -> Triangles:
     faces, vertices = np.asarray(mesh.faces), np.asarray(mesh.vertices)
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise DataError(f"{file}: a face of '{name}' has no vertex {faces.max()}; save the file again")
-    picture, uv, colors = look.of(mesh, faces)
-    with np.errstate(invalid="ignore", over="ignore"):  # told by `_sound`
+    picture, uv, colors = materials.of(mesh, faces)
+    with np.errstate(invalid="ignore", over="ignore"):  # reported by `_sound`
         corners = (vertices @ T[:3, :3].T + T[:3, 3]).astype(np.float32)[faces]
     name = file.name if re.fullmatch(r"geometry(_\d+)?", name) else name  # trimesh's word for what has no name
     none = np.zeros(len(faces), np.int32)

@@ -1,4 +1,4 @@
-"""What the triangles of a mesh file look like: pictures, where they lie on each triangle, and colours of the corners."""
+"""Materials of a mesh file: pictures, texture coordinates on each triangle, and colours of the corners."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ WHITE = np.full((1, 1, 3), 255, np.uint8)
 
 
 @dataclass
-class Look:
-    """Turns the materials of one file into pictures, each once."""
+class MeshMaterials:
+    """The materials of one file as pictures, each decoded once."""
 
     file: Path
     missing: dict[str, str]  # takes the textures that cannot be decoded, with the reason

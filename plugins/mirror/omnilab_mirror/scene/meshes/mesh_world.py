@@ -1,4 +1,4 @@
-"""A mesh file as a world of its own."""
+"""Worlds that consist of one mesh file."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from omnilab.errors import DataError
-from omnilab_mirror.scene.light import Light
+from omnilab_mirror.scene.light import Illumination
 from omnilab_mirror.scene.meshes.mesh_file import read_mesh
 from omnilab_mirror.scene.meshes.triangles import Triangles
 from omnilab_mirror.scene.world import World
 
 # textures mostly hold their light; the rest lets surfaces without a texture keep their shape
-LIGHT = Light(0.85, [], skylight=0.15)
+LIGHT = Illumination(0.85, [], skylight=0.15)
 LARGEST_M = 5000
 SKY = np.full((1, 1, 3), (190, 208, 230), np.uint8)
 
@@ -32,7 +32,7 @@ def world_of_mesh(file: Path) -> World:
     return World(
         digest=found.digest,
         map_m=(float(x), float(y)),
-        faces=[],
+        quads=[],
         solids=[],
         areas=[],
         light=LIGHT,

@@ -1,12 +1,11 @@
-"""Triangles made few enough for a viewer, by vertex clustering (Rossignac and Borrel, 1993)."""
+"""Mesh simplification for viewers by vertex clustering (Rossignac and Borrel, 1993)."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from omnilab.api import Floats, Ints, Mesh
+from omnilab.api import Bools, Floats, Ints, Mesh
 from omnilab_mirror.scene.meshes.triangles import Triangles
 
 MAX_TRIANGLES = 60_000
@@ -28,7 +27,7 @@ def simplified(triangles: Triangles) -> Mesh:
         cell_m *= 1.5
 
 
-def _overhead(triangles: Triangles) -> npt.NDArray[np.bool_]:
+def _overhead(triangles: Triangles) -> Bools:
     """Which triangles (T,) are level and in the top fifth: the ceiling, where there is one."""
     (_, _, low), (_, _, high) = triangles.bounds
     level = np.abs(triangles.normals[:, 2]) > 0.7 * np.linalg.norm(triangles.normals, axis=1)

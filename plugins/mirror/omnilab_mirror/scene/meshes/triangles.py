@@ -1,4 +1,4 @@
-"""Triangles with pictures, colours and names: what mesh files become, and faces where a world also holds meshes."""
+"""Triangles with pictures, colours and names: meshes, and quads where a world also holds meshes."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from omnilab.api import Bytes, Floats, Ints
-from omnilab_mirror.scene.quads import Face
+from omnilab.api import Bools, Bytes, Floats, Ints
+from omnilab_mirror.scene.quads import Quad
 
 Array = npt.NDArray[Any]
 
@@ -25,7 +25,7 @@ class Triangles:
     picture: Ints  # (T,) int32, index into `pictures`
     colors: Bytes  # (T, 3, 3) of the corners, which tint the picture
     name: Ints  # (T,) int32, index into `names`
-    painted: npt.NDArray[np.bool_]  # (T,): light is in the picture already, and the picture ends at its edge
+    painted: Bools  # (T,): light is in the picture already, and the picture ends at its edge
     pictures: list[Bytes]  # (h, w, 3) each, row 0 where uv's second is 0
     names: list[str]
 
@@ -71,19 +71,19 @@ def joined(parts: Sequence[Triangles]) -> Triangles:
     )
 
 
-def halves(faces: Sequence[Face], pictures: list[Bytes]) -> Triangles:
-    """Two triangles for each face, with its painted picture."""
+def halves(quads: Sequence[Quad], pictures: list[Bytes]) -> Triangles:
+    """Two triangles for each quad, with its painted picture."""
     square = np.array([[[0, 0], [1, 0], [1, 1]], [[0, 0], [1, 1], [0, 1]]], np.float32)
-    edges = np.array([(face.u, face.v) for face in faces])
-    corners = np.array([face.corner for face in faces])[:, None, None] + np.einsum("tci,fij->ftcj", square, edges)
-    count = 2 * len(faces)
+    edges = np.array([(quad.u, quad.v) for quad in quads])
+    corners = np.array([quad.corner for quad in quads])[:, None, None] + np.einsum("tci,fij->ftcj", square, edges)
+    count = 2 * len(quads)
     return Triangles(
         corners.reshape(-1, 3, 3).astype(np.float32),
-        np.tile(square, (len(faces), 1, 1)),
-        np.repeat(np.arange(len(faces), dtype=np.int32), 2),
+        np.tile(square, (len(quads), 1, 1)),
+        np.repeat(np.arange(len(quads), dtype=np.int32), 2),
         np.full((count, 3, 3), 255, np.uint8),
         np.zeros(count, np.int32),
         np.ones(count, bool),
         pictures,
-        ["face"],
+        ["quad"],
     )

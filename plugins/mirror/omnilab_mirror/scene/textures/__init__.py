@@ -1,1 +1,1 @@
-"""What the surfaces of a world are painted with."""
+"""Textures of the surfaces of a world."""

@@ -1,4 +1,4 @@
-"""What textures are painted on, and what several of them need."""
+"""Canvas that textures are painted on, with noise, cells and blending."""
 
 from __future__ import annotations
 
@@ -8,11 +8,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from omnilab.api import Floats
-
-Ints = npt.NDArray[np.integer[Any]]
+from omnilab.api import Floats, Ints
 
 
 @dataclass(frozen=True)
@@ -40,7 +37,7 @@ class Cells:
 
 @dataclass(frozen=True)
 class Canvas:
-    """What is painted on: a face of `size_m`, with (H, W) texels, whose row 0 is its lower edge."""
+    """The surface to paint: a quad of `size_m`, with (H, W) texels, whose row 0 is its lower edge."""
 
     size_m: tuple[float, float]
     shape: tuple[int, int]
@@ -84,7 +81,7 @@ Painter = Callable[[Canvas], Floats]  # returns (H, W, 3), RGB from 0 to 255
 
 @dataclass(frozen=True)
 class Paint:
-    """What covers a face. A glowing one takes no light from the lamps."""
+    """What covers a quad. A glowing one takes no light from the lamps."""
 
     painter: Painter
     glows: bool = False
@@ -92,14 +89,14 @@ class Paint:
 
 @dataclass
 class Sheet:
-    """A paint on a wall of `size_m`, of which faces show parts: painted once, so that the pattern runs through."""
+    """A paint on a wall of `size_m`, of which quads show parts: painted once, so that the pattern runs through."""
 
     paint: Paint
     size_m: tuple[float, float]
     _whole: Floats | None = None
 
     def part(self, x_m: float, y_m: float) -> Paint:
-        """What a face shows whose lower left corner lies there on the wall."""
+        """What a quad shows whose lower left corner lies there on the wall."""
 
         def paint(canvas: Canvas) -> Floats:
             (h, w), (width, height) = canvas.shape, canvas.size_m

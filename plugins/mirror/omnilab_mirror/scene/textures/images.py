@@ -16,7 +16,7 @@ MAX_IMAGE_BYTES, MAX_IMAGE_PIXELS = 20_000_000, 40_000_000
 
 
 def image(s: Section) -> Painter:
-    """A picture `file`, below the world file's folder: stretched over each face, or repeated every `tile_m` (x, y)."""
+    """A picture `file`, below the world file's folder: stretched over each quad, or repeated every `tile_m` (x, y)."""
     file = s.word("file")
     picture = _image(s, file)
     tile = s.size("tile_m", 2) if "tile_m" in s else None

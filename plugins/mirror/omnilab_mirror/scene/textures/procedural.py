@@ -210,7 +210,7 @@ SKY_SHAPE = (540, 1080)
 def sky_of(s: Section, textures: dict[str, Section]) -> Bytes:
     """The sky (h, w, 3) that the key `sky` names: row 0 overhead, column 0 to +x, counter-clockwise.
 
-    An image is an equirectangular photograph, up to down from zenith to nadir; its left and right edge look to +x.
+    An image is an equirectangular photograph, up to down from zenith to nadir; its left and right edge lie at +x.
     """
     texture = textures[s.choice("sky", textures)]
     kind = texture.value("kind")

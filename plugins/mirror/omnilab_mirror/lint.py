@@ -1,4 +1,4 @@
-"""What may be wrong with a world though it can be rendered: sentences that name the objects."""
+"""Lint of a world: warnings, which name the objects, about what may be wrong though it can be rendered."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ from collections.abc import Iterator
 import numpy as np
 
 from omnilab.api import Floats
-from omnilab_mirror.scene.quads import Face, Solid
+from omnilab_mirror.render.free_space import obstacles
+from omnilab_mirror.scene.quads import Quad, Solid
 from omnilab_mirror.scene.world import World
 
 HEIGHT_M = 1.0
-SAME_PLANE_M = 0.002  # nearer than this, two faces shine through each other
-OVERLAP_M = 0.02  # faces and solids that touch overlap by less
+SAME_PLANE_M = 0.002  # nearer than this, two quads shine through each other
+OVERLAP_M = 0.02  # quads and solids that touch overlap by less
 OPEN_M = 500.0  # an area as high as this has no ceiling
 
 
 def warnings_of(world: World) -> Iterator[str]:
-    """All that is suspicious, one sentence each."""
+    """The warnings, one sentence each."""
     yield from _areas(world)
     yield from _lamps(world)
     yield from _outside(world)
@@ -38,7 +39,7 @@ def _areas(world: World) -> Iterator[str]:
 
 
 def _lamps(world: World) -> Iterator[str]:
-    glowing = {face.name for face in world.faces if face.paint.glows}
+    glowing = {quad.name for quad in world.quads if quad.paint.glows}
     for lamp in world.light.lamps:
         for solid in world.solids:
             if solid.name not in glowing and solid.holds(lamp.at[None], 0)[0]:
@@ -52,8 +53,8 @@ def _outside(world: World) -> Iterator[str]:
     if not world.areas or any(area.high[2] - area.low[2] > OPEN_M for area in world.areas):
         return
     corners: dict[tuple[int, str], list[Floats]] = {}
-    for face in world.faces:
-        corners.setdefault((face.seed[0], face.name), []).extend(_corners(face))
+    for quad in world.quads:
+        corners.setdefault((quad.seed[0], quad.name), []).extend(_corners(quad))
     for (_, name), points in corners.items():
         inside = np.any([area.holds(np.array(points), -0.01) for area in world.areas], axis=0)
         if not inside.all():
@@ -71,7 +72,7 @@ def _in_walls(world: World) -> Iterator[str]:
 def _paths(world: World) -> Iterator[str]:
     for name, path in world.paths.items():
         T = path.poses(HEIGHT_M)
-        found = [(i, why) for i, why in enumerate(world.obstacles(T[:, :3, 3], on_floor=True)) if why]
+        found = [(i, why) for i, why in enumerate(obstacles(world, T[:, :3, 3], on_floor=True)) if why]
         if found:
             i, why = found[0]
             x, y = T[i, :2, 3]
@@ -79,19 +80,19 @@ def _paths(world: World) -> Iterator[str]:
 
 
 def _same_plane(world: World) -> Iterator[str]:
-    """Pairs of faces that look the same way in one plane, and overlap: which one is seen changes from pixel to pixel."""
-    normals = np.array([np.cross(face.u, face.v) for face in world.faces])
+    """Pairs of quads that face the same side in one plane, and overlap: which one is seen changes from pixel to pixel."""
+    normals = np.array([np.cross(quad.u, quad.v) for quad in world.quads])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    offsets = np.einsum("fi,fi->f", normals, [face.corner for face in world.faces])
+    offsets = np.einsum("fi,fi->f", normals, [quad.corner for quad in world.quads])
     on_floor = normals[:, 2] < -0.999  # seen by nobody
     on_floor &= np.isin(np.round(-offsets, 3), [round(float(area.low[2]), 3) for area in world.areas])
     alike = (normals @ normals.T > 1 - 1e-6) & (np.abs(offsets[:, None] - offsets) < SAME_PLANE_M)
-    told = set()
+    reported = set()
     for i, j in zip(*np.nonzero(np.triu(alike & ~on_floor, 1)), strict=True):
-        one, other = world.faces[i], world.faces[j]
+        one, other = world.quads[i], world.quads[j]
         pair = (one.name, other.name)
-        if one.seed[0] != other.seed[0] and pair not in told and _faces_overlap(one, other):
-            told.add(pair)
+        if one.seed[0] != other.seed[0] and pair not in reported and _quads_overlap(one, other):
+            reported.add(pair)
             middle = np.round(other.corner + (other.u + other.v) / 2, 2).tolist()
             yield f"faces of '{one.name}' and '{other.name}' lie in one plane near {middle} and shine through each other"
 
@@ -103,14 +104,14 @@ def _bounds(world: World) -> tuple[Floats, Floats]:
     )
 
 
-def _corners(face: Face) -> list[Floats]:
-    return [face.corner, face.corner + face.u, face.corner + face.v, face.corner + face.u + face.v]
+def _corners(quad: Quad) -> list[Floats]:
+    return [quad.corner, quad.corner + quad.u, quad.corner + quad.v, quad.corner + quad.u + quad.v]
 
 
-def _faces_overlap(one: Face, other: Face) -> bool:
+def _quads_overlap(one: Quad, other: Quad) -> bool:
     """By the separating axes of two parallelograms in one plane."""
     normal = np.cross(one.u, one.v)
-    axes = [np.cross(normal, edge) for face in (one, other) for edge in (face.u, face.v)]
+    axes = [np.cross(normal, edge) for quad in (one, other) for edge in (quad.u, quad.v)]
     return _meet(np.array(_corners(one)), np.array(_corners(other)), axes)
 
 
