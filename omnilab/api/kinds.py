@@ -349,31 +349,32 @@ def is_cached(component: Any) -> bool:
 
 
 if TYPE_CHECKING:
+    _GIVEN: Any  # by the runner, where a run has it
 
     @dataclass(frozen=True)
     class Parts:
         """The components a study may use, as `KINDS` has them. The runner checks that those it needs are there."""
 
-        sensor: Sensor = ...
-        descriptor: Descriptor = ...
-        distance: Distance = ...
-        localizer: Localizer = ...
-        altimeter: Altimeter = ...
-        odometry: Odometry = ...
-        loop_closure: LoopClosure = ...
-        backend: Backend = ...
-        view_filter: ViewFilter = ...
-        sensors: Mapping[str, Sensor] = ...  # that the study uses beside the run's own
-        disturbances: Mapping[str, Disturbance] = ...  # of the queries, in the order they apply
-        descriptors: Mapping[str, Descriptor] = ...  # that the study compares, by name
-        distances: Mapping[str, Distance] = ...  # that it compares them with
-        localizers: Mapping[str, Localizer] = ...
-        altimeters: Mapping[str, Altimeter] = ...
-        odometries: Mapping[str, Odometry] = ...  # that join the run's own
-        backends: Mapping[str, Backend] = ...
-        view_filters: Mapping[str, ViewFilter] = ...
-        map: Places = ...  # a saved one
-        default_distances: Mapping[str, Distance] = ...  # of each of `descriptors`, its own
+        sensor: Sensor = _GIVEN
+        descriptor: Descriptor = _GIVEN
+        distance: Distance = _GIVEN
+        localizer: Localizer = _GIVEN
+        altimeter: Altimeter = _GIVEN
+        odometry: Odometry = _GIVEN
+        loop_closure: LoopClosure = _GIVEN
+        backend: Backend = _GIVEN
+        view_filter: ViewFilter = _GIVEN
+        sensors: Mapping[str, Sensor] = _GIVEN  # that the study uses beside the run's own
+        disturbances: Mapping[str, Disturbance] = _GIVEN  # of the queries, in the order they apply
+        descriptors: Mapping[str, Descriptor] = _GIVEN  # that the study compares, by name
+        distances: Mapping[str, Distance] = _GIVEN  # that it compares them with
+        localizers: Mapping[str, Localizer] = _GIVEN
+        altimeters: Mapping[str, Altimeter] = _GIVEN
+        odometries: Mapping[str, Odometry] = _GIVEN  # that join the run's own
+        backends: Mapping[str, Backend] = _GIVEN
+        view_filters: Mapping[str, ViewFilter] = _GIVEN
+        map: Places = _GIVEN  # a saved one
+        default_distances: Mapping[str, Distance] = _GIVEN  # of each of `descriptors`, its own
 
 else:
     Parts = make_dataclass(

@@ -102,7 +102,9 @@ class SignatureCache:
         try:
             return store.load(keys)
         except OSError as error:
-            self._warn_once("read", f"the cache {self.folder} cannot be read ({error.strerror}), the run goes on without it")
+            self._warn_once(
+                "read", f"the cache {self.folder} cannot be read ({error.strerror}), the run goes on without it"
+            )
             return None, []
 
     def _save(self, store: SignatureStore, keys: list[bytes], made: Signatures) -> None:

@@ -36,7 +36,7 @@ MAY_IMPORT = {
     "testing": {"", "api", "renamed", "cameras", "errors", "geometry", "image", "posegraph", "runner"},
     "__main__": {"runner"},
 }
-CONTRACT = set(MAY_IMPORT) - {"renamed", "runner", "__main__"}  # what plugins may import
+CONTRACT = set(MAY_IMPORT) - {"runner", "__main__"}  # what plugins may import
 THIRD_PARTY = {  # which modules of omnilab may import what, beside numpy
     "hydra": {"runner.registry", "runner.config", "runner.build", "runner.hydra_app"},
     "omegaconf": {"runner.registry", "runner.config", "runner.build", "runner.execute", "runner.hydra_app"},

@@ -1,5 +1,8 @@
 """The studies: code that drives components and measures."""
 
+from typing import Any
+
+from omnilab import renamed
 from omnilab.hooks import Register, hookimpl
 from omnilab_studies.altitude.joint.study import Joint
 from omnilab_studies.altitude.study import Altitude
@@ -74,3 +77,8 @@ def register_studies(register: Register) -> None:
     register("view_range", ViewRange)
     register("view_count", ViewCount)
     register("view_slam", ViewSlam)
+
+
+def __getattr__(name: str) -> Any:
+    """Names of the version before."""
+    return renamed.attribute(__name__, name, {"MakeMap": "MapStudy", "Trajectory": "TrajectoryStudy"})

@@ -9,9 +9,7 @@ import numpy as np
 
 from omnilab.api import Bytes
 from omnilab_studies.altitude.results import LEAST_M, AltitudeResults, HeightEstimates, by_height
-from omnilab_studies.common.plots import CURVES, style_of
-from omnilab_studies.common.plots import plain_axes
-from omnilab_studies.common.plots import blank_figure
+from omnilab_studies.common.plots import CURVES, blank_figure, plain_axes, style_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

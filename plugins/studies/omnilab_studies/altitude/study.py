@@ -31,9 +31,8 @@ from omnilab.image import to_gray, view_of
 from omnilab_studies.altitude import figures
 from omnilab_studies.altitude.layout import layout_of
 from omnilab_studies.altitude.results import AltitudeCase, AltitudeResults, HeightEstimates, markdown_of
-from omnilab_studies.common.tables import columns_of
-from omnilab_studies.common.frames import disturbed
 from omnilab_studies.common.disturbance_levels import check_levels, levels_of
+from omnilab_studies.common.frames import disturbed
 from omnilab_studies.common.image_columns import (
     Column,
     Reference,
@@ -42,6 +41,7 @@ from omnilab_studies.common.image_columns import (
     columns_in,
     free_columns,
 )
+from omnilab_studies.common.tables import columns_of
 
 FRAME_NS = 100_000_000  # between two images, in the logs
 

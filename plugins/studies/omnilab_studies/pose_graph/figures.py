@@ -9,8 +9,7 @@ import numpy as np
 
 from omnilab.api import Bytes, Floats, Ints, PoseGraph
 from omnilab.posegraph.graph import edge_chi2, is_loop
-from omnilab_studies.common.plots import style_of
-from omnilab_studies.common.plots import blank_figure
+from omnilab_studies.common.plots import blank_figure, style_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

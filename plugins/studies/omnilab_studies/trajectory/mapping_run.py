@@ -24,8 +24,8 @@ from omnilab.api import (
 )
 from omnilab.errors import ConfigError
 from omnilab.posegraph.graph import matrices, vectors
-from omnilab_studies.common.samples import evenly
 from omnilab_studies.common.match_images import draw_matches
+from omnilab_studies.common.samples import evenly
 from omnilab_studies.trajectory.front_end import FrontEnd, MappingStep
 
 PATH, CLOSURE = (108, 122, 143), (42, 200, 92)

@@ -12,8 +12,8 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, planar_poses
 from omnilab.trajectory.evaluation import Alignment, path_length
 from omnilab_studies.common.frames import deliver_queries
-from omnilab_studies.common.tables import markdown_table
 from omnilab_studies.common.pose_sources import Source, plan_of_trajectory
+from omnilab_studies.common.tables import markdown_table
 from omnilab_studies.trajectory import figures, scale_estimation
 from omnilab_studies.trajectory.layout import LAYOUT
 from omnilab_studies.trajectory.mapping_run import MappingRun

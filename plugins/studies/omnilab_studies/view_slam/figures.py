@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from omnilab.api import Floats
-from omnilab_studies.common.plots import style_of
 from omnilab_studies.common.plots import blank_figure as blank
+from omnilab_studies.common.plots import style_of
 from omnilab_studies.view_slam.consistency import ellipses
 from omnilab_studies.view_slam.display import error_bands
 from omnilab_studies.view_slam.drives import Drive

@@ -12,8 +12,8 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, planar_poses
 from omnilab.posegraph.graph import vectors
 from omnilab_studies.common.frames import deliver_queries
-from omnilab_studies.common.samples import evenly
 from omnilab_studies.common.pose_sources import Source, plan_of_trajectory
+from omnilab_studies.common.samples import evenly
 from omnilab_studies.view_slam.display import TRUTH, line
 from omnilab_studies.view_slam.filter_comparison import filters_of
 from omnilab_studies.view_slam.front_end import AssociationSettings

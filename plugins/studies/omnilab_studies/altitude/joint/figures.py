@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from omnilab.api import Floats
-from omnilab_studies.common.plots import COLORS
-from omnilab_studies.common.plots import blank_figure
+from omnilab_studies.common.plots import COLORS, blank_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -13,14 +13,13 @@ from omnilab.errors import ConfigError
 from omnilab_studies.altitude.joint import figures
 from omnilab_studies.altitude.joint.layout import LAYOUT
 from omnilab_studies.altitude.joint.results import JointResult, metrics_of, query_rows, rises_m, row_of, scale_of
-from omnilab_studies.common.tables import columns_of
-from omnilab_studies.common.frames import deliver_queries
 from omnilab_studies.common.describing import describe, describe_places, fitted
-from omnilab_studies.common.logs import show_frame
+from omnilab_studies.common.frames import deliver_queries
 from omnilab_studies.common.grids import check_extent, check_step, grid_poses
 from omnilab_studies.common.localization_run import LocalizationRun, estimate_of
+from omnilab_studies.common.logs import show_frame
 from omnilab_studies.common.scores import joined_estimates, score
-from omnilab_studies.common.tables import markdown
+from omnilab_studies.common.tables import columns_of, markdown
 
 OFFSET_NS = 100_000_000  # between two heights, in the logs
 

@@ -23,9 +23,9 @@ from omnilab.api import (
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses, spanned
 from omnilab_studies.common.frames import deliver
-from omnilab_studies.common.logs import show_picture
 from omnilab_studies.common.free_area import window
 from omnilab_studies.common.grids import check_step
+from omnilab_studies.common.logs import show_picture
 from omnilab_studies.common.methods import fitted_all, methods_of
 from omnilab_studies.common.scores import known_poses
 from omnilab_studies.local_maps.candidates import describe_images
