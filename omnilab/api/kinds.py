@@ -349,7 +349,7 @@ def is_cached(component: Any) -> bool:
 
 
 if TYPE_CHECKING:
-    _GIVEN: Any  # by the runner, where a run has it
+    _GIVEN: Any = None  # by the runner, where a run has it
 
     @dataclass(frozen=True)
     class Parts:
