@@ -9,7 +9,7 @@ from omnilab.api import CalibratedCamera, Frames, Unusable
 from omnilab.cameras import THESIS_HALF
 from omnilab.errors import ConfigError, DataError
 from omnilab.testing import check_loop_closure
-from omnilab_appearance import HogThreshold, Verified
+from omnilab_appearance import GeometricVerification, HogThreshold
 from omnilab_appearance.common.spherical_features import Sighting
 from omnilab_appearance.loop_closures.cosine_index import Remembered
 
@@ -45,7 +45,7 @@ def sighting(points, vectors, place=(0.0, 0.0), turn=0.0):
     return Sighting(directions, level.astype(np.float32), vectors)
 
 
-@pytest.mark.parametrize("closure", [HogThreshold(exclude=1), Verified(exclude=1)])
+@pytest.mark.parametrize("closure", [HogThreshold(exclude=1), GeometricVerification(exclude=1)])
 def test_conforms(closure):
     check_loop_closure(closure, frames([0, 1, 2, 0, 1]))
 
@@ -70,7 +70,7 @@ def test_the_turn_is_that_of_the_pictures():
     assert told.motions[0] == pytest.approx([0, 0, np.pi / 2], abs=np.deg2rad(1))
 
 
-@pytest.mark.parametrize("closure", [HogThreshold(exclude=1), Verified(exclude=1, least=20)])
+@pytest.mark.parametrize("closure", [HogThreshold(exclude=1), GeometricVerification(exclude=1, least=20)])
 def test_what_is_unusable_is_a_node_that_matches_nothing(closure):
     black, seen = Unusable("black"), sighting(POINTS[0], VECTORS[0])
     told = recalled(closure, [0, 1, 0, 2, 0], [black, sighting(POINTS[1], VECTORS[1]), black, black, seen])
@@ -79,7 +79,7 @@ def test_what_is_unusable_is_a_node_that_matches_nothing(closure):
 
 def test_geometry_confirms_the_same_place_and_tells_its_turn():
     looks = [sighting(POINTS[k], VECTORS[k]) for k in (0, 1)] + [sighting(POINTS[0], VECTORS[0], (0.01, 0), 0.7)]
-    told = recalled(Verified(exclude=1), [0, 1, 0], looks)[2]
+    told = recalled(GeometricVerification(exclude=1), [0, 1, 0], looks)[2]
     assert told.nodes.tolist() == [0]
     assert told.motions[0] == pytest.approx([0, 0, 0.7], abs=1e-2)
 
@@ -96,7 +96,7 @@ def test_geometry_refuses_what_a_description_takes_for_the_same_place(other):
     looks = [sighting(POINTS[0], VECTORS[0]), sighting(POINTS[1], VECTORS[1]), other]
     order = [0, 1, 0]  # the third picture is the first one
     assert recalled(HogThreshold(exclude=1), order, looks)[2].nodes.tolist() == [0]
-    told = recalled(Verified(exclude=1), order, looks)[2]
+    told = recalled(GeometricVerification(exclude=1), order, looks)[2]
     assert told.nodes.tolist() == []
     assert told.candidates == 1  # it was looked at
 
@@ -104,7 +104,7 @@ def test_geometry_refuses_what_a_description_takes_for_the_same_place(other):
 @pytest.mark.parametrize(("steps", "nodes"), [(2.0, []), (100.0, [1])])
 def test_the_same_place_is_within_a_few_usual_steps(steps, nodes):
     looks = [sighting(POINTS[0], VECTORS[0], (x, 0)) for x in (0, 0.005, 0.01, 0.05)]
-    told = recalled(Verified(exclude=1, parallax_steps=steps), [0, 1, 2, 0], looks)[3]
+    told = recalled(GeometricVerification(exclude=1, parallax_steps=steps), [0, 1, 2, 0], looks)[3]
     assert told.nodes.tolist() == nodes
 
 
@@ -113,13 +113,13 @@ def test_after_a_closure_some_images_look_for_none(pause, closing):
     """Rooms 0, 1, 2, and then the same again: each could close a loop."""
     order = [0, 1, 2, 0, 1, 2, 0, 1]
     looks = [sighting(POINTS[place], VECTORS[place]) for place in order]
-    told = recalled(Verified(exclude=1, alike=100, pause=pause), order, looks)
+    told = recalled(GeometricVerification(exclude=1, alike=100, pause=pause), order, looks)
     assert [image for image, closures in enumerate(told) if len(closures.nodes)] == closing
 
 
 def test_a_negative_pause_is_told():
     with pytest.raises(ConfigError, match="pause=-1"):
-        Verified(pause=-1)
+        GeometricVerification(pause=-1)
 
 
 def test_a_memory_grows_and_compares_with_all_but_the_last_ones():
@@ -136,7 +136,7 @@ def test_a_memory_grows_and_compares_with_all_but_the_last_ones():
 @pytest.mark.parametrize(
     "wrong", [{"exclude": 0}, {"most": 0}, {"reach": 0}, {"turn_sigma_deg": -1}]
 )  # fmt: skip
-@pytest.mark.parametrize("kind", [HogThreshold, Verified])
+@pytest.mark.parametrize("kind", [HogThreshold, GeometricVerification])
 def test_settings_that_close_any_loop_or_none_are_told(kind, wrong):
     with pytest.raises(ConfigError, match="give"):
         kind(**wrong)
@@ -149,6 +149,6 @@ def test_a_camera_that_cannot_say_where_it_looks_is_told():
     camera = ImageCircle(250, 250, Circle(124.5, 124.5, 125))
     assert not isinstance(camera, CalibratedCamera)
     with pytest.raises(DataError, match="choose loop_closure=hog_threshold"):
-        Verified().begin().query(
+        GeometricVerification().begin().query(
             Frames(PLACES[:1], ["a"], np.zeros(1, int), camera, np.zeros(1, int)), None, 1.0, np.random.default_rng(0)
         )

@@ -30,7 +30,7 @@ class Following:
 
 
 @dataclass
-class Filter:
+class BayesFilter:
     """A discrete Bayes filter over the places (Thrun, Burgard and Fox, 2005, table 4.1): queries are one sequence, in order.
 
     Between two queries the camera moves by about `motion_m` any way or, where odometry tells the motion, by that, blurred

@@ -24,7 +24,7 @@ LEAST = 0.2  # usual steps: standard deviation of a position, at least
 
 
 @dataclass
-class Verified:
+class GeometricVerification:
     """Earlier images whose HOG of the Radon transform is most alike, of which local features confirm one place.
 
     They do so where enough matches agree with one motion in the plane, and have moved little besides the turn: that is
@@ -80,7 +80,7 @@ class Confirmed(NamedTuple):
 class VerifiedMemory:
     """Descriptions and features of all images so far."""
 
-    def __init__(self, settings: Verified) -> None:
+    def __init__(self, settings: GeometricVerification) -> None:
         self._settings, self._hogs, self._rest = settings, Remembered(), 0
         self._sightings: list[Sighting | None] = []  # None of what is unusable
         self._steps: list[float] = []  # distances between images that follow each other

@@ -40,7 +40,7 @@ class Localize:
 
     Where the sensor knows where queries were taken the answers are scored; queries far from every place are asked too,
     and counted as having no true place. A recording without positions is answered and not scored. Localizers that follow
-    a sequence (`localizer=filter`) are told the motion between queries with `odometry_noise`: the true one, disturbed.
+    a sequence (`localizer=bayes_filter`) are told the motion between queries with `odometry_noise`: the true one, disturbed.
     """
 
     queries: Source = Source.random  # random, path or recorded
