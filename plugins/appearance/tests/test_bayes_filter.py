@@ -43,7 +43,7 @@ def test_keeps_the_contract():
     check_localizer(BayesFilter())
 
 
-def test_two_places_alike_are_told_apart_by_what_came_before():
+def test_two_places_alike_are_distinguished_by_what_came_before():
     follow = BayesFilter()
     found = follow.locate(seen([2], [3, 9], [4, 10]), follow.prepare(line(), Given()))
     assert found.place.tolist() == [2, 3, 4]
