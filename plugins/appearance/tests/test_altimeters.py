@@ -84,7 +84,7 @@ def test_an_uncalibrated_circle_has_its_horizon_where_it_is_said_to_be():
     sky = rows_of(ImageCircle(200, 200, Circle(100, 100, 90, 0), sky_inside=True), 90, -90.0, 90.0, 0.5)
     assert np.allclose(np.hypot(*(sky.uv[:, 0] - 100).T), 90 - radius, atol=1e-4)
     blind = rows_of(ImageCircle(200, 200, Circle(100, 100, 90, 30)), 90, -90.0, 0.0, 0.5)
-    assert blind.seen.all(), "the ring begins at its inner edge"
+    assert blind.valid.all(), "the ring begins at its inner edge"
 
 
 def by_interpolation(still, squeezed, count):

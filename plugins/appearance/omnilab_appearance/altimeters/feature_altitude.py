@@ -23,7 +23,8 @@ class FeatureAltitude:
 
     Each match gives a rotation, the difference of its ends' azimuths about the centre. The one with the most inliers
     within `tolerance_deg` is taken, as by RANSAC over every match; outliers are dropped, the rotation of the test is
-    undone, and the remaining distance of each match counts as positive if it leads towards the centre. The confidence is the share of inliers. Without any match the height is NaN.
+    undone, and the remaining distance of each match counts as positive if it leads towards the centre. The
+    confidence is the share of inliers. Without any match the height is NaN.
     """
 
     detector: Detector = Detector.surf  # as printed; or sift

@@ -26,7 +26,7 @@ def kernel(frequency: float, orientation_rad: float) -> Floats:
 
 
 def energies(images: Floats, orientations: int, frequency: float) -> Floats:
-    """Gabor energies: moduli (N, M, H, W) of the responses of images (N, H, W) to M filters with orientations evenly over 180 degrees.
+    """Gabor energies: moduli (N, M, H, W) of the responses of images (N, H, W) to M filters, evenly over 180 degrees.
 
     The last axis wraps around; the other is continued by reflection.
     """

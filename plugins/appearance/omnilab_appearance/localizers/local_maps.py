@@ -108,7 +108,7 @@ class LocalMapLocalizer(ABC):
         longest = np.where(counts, lengths, -np.inf).max(axis=(1, 2))
         shortest = np.where(counts, lengths, np.inf).min(axis=(1, 2))
         alike = longest - shortest <= 1e-6 * longest
-        _warn(alike, "maps have all distances equal, which tells nothing of where their images lie; compare images by"
+        _warn(alike, "maps have all distances equal, which determine no positions of their images; compare images by"
               " another distance")  # fmt: skip
         _warn(~connected(counts), "maps fall into parts that no distance holds together; raise threshold or linked")
         return lengths, counts

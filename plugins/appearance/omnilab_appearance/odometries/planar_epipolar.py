@@ -70,7 +70,9 @@ class PlanarEpipolar:
         if self.draws < 1:
             raise ConfigError(f"draws={self.draws} try nothing; give 1 or more, such as 300")
         if self.least_matches < 5:
-            raise ConfigError(f"least_matches={self.least_matches} cannot tell a motion from chance; give 5 or more")
+            raise ConfigError(
+                f"least_matches={self.least_matches} cannot distinguish a motion from chance; give 5 or more"
+            )
         if self.height_m is not None and not 0 < self.height_m < np.inf:
             raise ConfigError(f"height_m={self.height_m:g} is no height above the floor; give metres above 0")
 
