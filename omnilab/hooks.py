@@ -16,9 +16,11 @@ Protocol there.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import is_dataclass
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Any, Protocol
 
 import pluggy
@@ -39,6 +41,22 @@ class Register(Protocol):
 
     def __call__(self, name: str, cls: type[Any], formerly: str = "") -> None:
         """Register a class under a name; `formerly` is the one it had, which goes on working for a while."""
+
+
+def register_all(register: Register, package: ModuleType, formerly: Mapping[str, str] | None = None) -> None:
+    """Register every dataclass that a package imports, in that order, by its name in snake case.
+
+    `formerly` has, by these names, the ones that components had before.
+    """
+    for cls in vars(package).values():
+        if isinstance(cls, type) and is_dataclass(cls):
+            name = snake_case(cls.__name__)
+            register(name, cls, (formerly or {}).get(name, ""))
+
+
+def snake_case(name: str) -> str:
+    """The registered name of a class: `RadonHog` as `radon_hog`."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
 
 
 class Runs(Protocol):

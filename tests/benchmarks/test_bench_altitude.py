@@ -10,8 +10,8 @@ from omnilab.api import PathPoses
 from omnilab.geometry import planar_poses
 from omnilab.image import view_of
 from omnilab_appearance import FeatureAltitude, FloorAndWalls, Radon, RadonCompression
-from omnilab_appearance.altimeters.feature_altitude import Detector
 from omnilab_appearance.altimeters.radon_compression import compressions
+from omnilab_appearance.common.local_features import Detector
 from omnilab_mirror import Mirror
 
 OFFSETS, ANGLES = 680, 300  # 204,000 components

@@ -17,7 +17,7 @@ import pytest
 from omnilab.api import Frames, NamedPath, Parts, Plan
 from omnilab.runner.execute import pinned
 from omnilab.runner.recorder import Recorder
-from omnilab_appearance import PlanarEpipolar, Verified
+from omnilab_appearance import GeometricVerification, PlanarEpipolar
 from omnilab_mcap import McapSink
 from omnilab_mirror import Mirror
 from omnilab_rerun import RerunSink
@@ -67,7 +67,7 @@ def test_one_more_image(benchmark, lap, tmp_path: Path, nodes, pause):
     nodes = nodes if benchmark.enabled else nodes // 100  # minutes are for measuring
     count = nodes + 60
     T = there.T_world_camera[order[np.arange(count) % LAP]]
-    parts = Parts(odometry=PlanarEpipolar(), loop_closure=Verified(pause=pause), backend=GtsamIsam2())
+    parts = Parts(odometry=PlanarEpipolar(), loop_closure=GeometricVerification(pause=pause), backend=GtsamIsam2())
     with pinned(1), Recorder({"rerun": RerunSink(), "mcap": McapSink()}, tmp_path) as record:  # as runs are
         mapping = MappingRun(parts, Plan([str(i) for i in range(count)], T), record, show=count, gap=3.0)
         rng = np.random.default_rng(0)

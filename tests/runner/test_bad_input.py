@@ -71,7 +71,7 @@ def refused(omnilab_here):
         (["cache_gb=0"], ["cache_gb=0", "above 0", "cache=off"]),
         (["descriptor=null"], ["null", "~descriptor"]),
         (["~descriptor"], ["needs a descriptor", "descriptor=fourier_signature|gist", "|radon|"]),
-        (["~localizer"], ["needs a localizer", "localizer=filter|hierarchical", "|nearest|"]),
+        (["~localizer"], ["needs a localizer", "localizer=bayes_filter|hierarchical", "|nearest|"]),
         (["sensor.size=[1"], ["[1"]),
         (["study.step_m"], ["study.step_m"]),
         (["experiment=recorded_grid"], ["sensor.path", "sensor.path=VALUE"]),

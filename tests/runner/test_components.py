@@ -9,12 +9,15 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, fields, make_dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
+import pytest
 from omegaconf import OmegaConf
 
+from omnilab import hooks
 from omnilab.api import KINDS
 from omnilab.runner.registry import discover
 
@@ -55,6 +58,30 @@ print("HEAVY", *sorted({HEAVY} & set(sys.modules)))
 """
     out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True).stdout
     assert out.splitlines()[-1].strip() == "HEAVY"
+
+
+@pytest.mark.parametrize(
+    ("name", "registered"),
+    [
+        ("RadonHog", "radon_hog"), ("Log", "log"), ("Onnx", "onnx"), ("RotationalPca", "rotational_pca"),
+        ("ViewEkf", "view_ekf"), ("GtsamIsam2", "gtsam_isam2"),
+    ],
+)  # fmt: skip
+def test_a_component_is_registered_by_its_class_name_in_snake_case(name: str, registered: str) -> None:
+    assert hooks.snake_case(name) == registered
+
+
+def test_a_package_registers_the_dataclasses_that_it_imports_in_order() -> None:
+    package = ModuleType("package")
+    later, sooner = make_dataclass("LaterOne", []), make_dataclass("ASooner", [])
+    vars(package).update(LaterOne=later, ASooner=sooner, Plain=type("Plain", (), {}), one=later(), module=hooks)
+    registered: list[tuple[str, type[Any], str]] = []
+
+    def register(name: str, cls: type[Any], formerly: str = "") -> None:
+        registered.append((name, cls, formerly))
+
+    hooks.register_all(register, package, {"later_one": "late"})
+    assert registered == [("later_one", later, "late"), ("asooner", sooner, "")]
 
 
 # ----------------------------------------------------------------------------------------------------------- documented

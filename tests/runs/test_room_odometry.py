@@ -32,9 +32,11 @@ def room():
 )
 def test_turns_and_directions_have_the_signs_of_the_known_motion(room, odometry, within_deg):
     check_odometry(odometry, room)
-    looks, rng = odometry.extract(room), np.random.default_rng(0)
-    told = np.array([odometry.estimate(looks[i], looks[i + 1], rng).vector for i in range(len(looks) - 1)])
+    features, rng = odometry.extract(room), np.random.default_rng(0)
+    estimates = np.array(
+        [odometry.estimate(features[i], features[i + 1], rng).vector for i in range(len(features) - 1)]
+    )
     truth = vectors(inverse(room.T_world_camera[:-1]) @ room.T_world_camera[1:], planar=True)
-    off = np.rad2deg(wrap_angle(np.arctan2(told[:, 1], told[:, 0]) - np.arctan2(truth[:, 1], truth[:, 0])))
+    off = np.rad2deg(wrap_angle(np.arctan2(estimates[:, 1], estimates[:, 0]) - np.arctan2(truth[:, 1], truth[:, 0])))
     assert np.abs(off).max() < within_deg
-    assert np.rad2deg(told[:, 2]) == pytest.approx(np.rad2deg(truth[:, 2]), abs=1.5)
+    assert np.rad2deg(estimates[:, 2]) == pytest.approx(np.rad2deg(truth[:, 2]), abs=1.5)

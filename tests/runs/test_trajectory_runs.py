@@ -75,7 +75,9 @@ def test_a_recorded_sequence_is_mapped_with_and_without_its_poses(omnilab_here, 
     )  # fmt: skip
     assert made.rc == 0, made.stderr
     recorded = ("experiment=recorded_trajectory", f"sensor.path={tmp_path}/set")
-    done = omnilab_here(*recorded, "odometry=planar_epipolar", "loop_closure=verified", "loop_closure.exclude=20")
+    done = omnilab_here(
+        *recorded, "odometry=planar_epipolar", "loop_closure=geometric_verification", "loop_closure.exclude=20"
+    )
     assert done.rc == 0, done.stderr
     assert load_run(folder).metrics["ate"] < 0.05
     wheels = omnilab_here(*recorded, "odometry=recorded", f"odometry.file={path}", "sensor.positions=null")

@@ -15,8 +15,9 @@ from omnilab.geometry import wrap_angle
 from omnilab.testing import check_altimeter
 from omnilab_appearance import FeatureAltitude, FloorAndWalls, RadonCompression
 from omnilab_appearance.altimeters.elevations import rows_of
-from omnilab_appearance.altimeters.feature_altitude import Detector, _moved
-from omnilab_appearance.altimeters.radon_compression import compressions, read_off
+from omnilab_appearance.altimeters.feature_altitude import radial_displacement
+from omnilab_appearance.altimeters.radon_compression import compressions, heights_of
+from omnilab_appearance.common.local_features import Detector
 
 CAMERA = HyperbolicMirror(200, crop=0.5)
 ALL = [RadonCompression(120, 60), FeatureAltitude(), FeatureAltitude(Detector.sift), FloorAndWalls()]
@@ -51,27 +52,27 @@ def seen_from(height_m, heading_rad, room_m=3.0, camera=CAMERA):
 
 
 def test_floor_and_walls_tells_rise_and_rotation_in_round_rooms():
-    """Of 150 such rooms one had its rise told wrong by more than 5 % of the larger height, and none its rotation."""
+    """Of 150 such rooms one had its rise heights wrong by more than 5 % of the larger height, and none its rotation."""
     rng, right = np.random.default_rng(0), 0
     for _ in range(24):
         reference_m, test_m, heading_rad, room_m = rng.uniform([0.3, 0.3, -3, 2], [2, 2.5, 3, 6])
         reference, test = seen_from(reference_m, 0.4, room_m), seen_from(test_m, 0.4 + heading_rad, room_m)
-        told = FloorAndWalls(scale_m=reference_m).relative(reference[None], test[None], CAMERA)
-        right += abs(told.value[0] - (test_m - reference_m)) < 0.05 * max(reference_m, test_m)
-        assert abs(wrap_angle(told.rotation_rad[0] - heading_rad)) < np.deg2rad(2)
-        assert told.confidence[0] > 0.1
+        heights = FloorAndWalls(scale_m=reference_m).relative(reference[None], test[None], CAMERA)
+        right += abs(heights.value[0] - (test_m - reference_m)) < 0.05 * max(reference_m, test_m)
+        assert abs(wrap_angle(heights.rotation_rad[0] - heading_rad)) < np.deg2rad(2)
+        assert heights.confidence[0] > 0.1
     assert right >= 23
-    assert told.unit == "m"
-    assert told.curves["least_distance"].shape == (1, 117)
+    assert heights.unit == "m"
+    assert heights.curves["least_distance"].shape == (1, 117)
 
 
 def test_floor_and_walls_is_the_same_for_any_camera_that_sees_the_floor():
     sphere = EquirectangularCamera(500, 250)
     for camera in (HyperbolicMirror(250, crop=1.0), sphere):
         images = np.stack([seen_from(1.0, 0.0, camera=camera), seen_from(1.3, 1.0, camera=camera)])
-        told = FloorAndWalls().relative(images[:1], images[1:], camera)
-        assert told.unit == "reference heights"
-        assert told.value[0] == pytest.approx(0.3, abs=0.03)
+        heights = FloorAndWalls().relative(images[:1], images[1:], camera)
+        assert heights.unit == "reference heights"
+        assert heights.value[0] == pytest.approx(0.3, abs=0.03)
 
 
 def test_an_uncalibrated_circle_has_its_horizon_where_it_is_said_to_be():
@@ -83,7 +84,7 @@ def test_an_uncalibrated_circle_has_its_horizon_where_it_is_said_to_be():
     sky = rows_of(ImageCircle(200, 200, Circle(100, 100, 90, 0), sky_inside=True), 90, -90.0, 90.0, 0.5)
     assert np.allclose(np.hypot(*(sky.uv[:, 0] - 100).T), 90 - radius, atol=1e-4)
     blind = rows_of(ImageCircle(200, 200, Circle(100, 100, 90, 30)), 90, -90.0, 0.0, 0.5)
-    assert blind.seen.all(), "the ring begins at its inner edge"
+    assert blind.valid.all(), "the ring begins at its inner edge"
 
 
 def by_interpolation(still, squeezed, count):
@@ -109,20 +110,20 @@ def test_compressions_are_those_of_the_printed_equations():
 
 def test_the_case_with_the_smaller_minimum_tells_up_from_down():
     curve, flat = np.array([5, 4, 1, 3.0]), np.full(4, 3.0)
-    told = read_off(np.stack([flat, curve]), np.stack([curve, flat]), np.zeros(2))
-    assert told.value.tolist() == [2, -2]
-    assert told.confidence == pytest.approx([0.5, 0.5])
+    heights = heights_of(np.stack([flat, curve]), np.stack([curve, flat]), np.zeros(2))
+    assert heights.value.tolist() == [2, -2]
+    assert heights.confidence == pytest.approx([0.5, 0.5])
 
 
 @pytest.mark.parametrize("altimeter", ALL, ids=repr)
 def test_all_tell_up_from_down_and_by_how_far(altimeter):
     images = np.stack([seen_from(h, 0.3 * i) for i, h in enumerate((1.0, 0.7, 0.85, 1.15, 1.3))])
-    told = altimeter.relative(images[:1], images, CAMERA)
-    assert told.value[0] == pytest.approx(0, abs=1e-3)
-    assert (np.sign(told.value[1:]) == [-1, -1, 1, 1]).all()
-    assert abs(told.value[1]) > abs(told.value[2])
-    assert told.value[4] > told.value[3]
-    assert np.abs(wrap_angle(told.rotation_rad - 0.3 * np.arange(5))).max() < np.deg2rad(3)
+    heights = altimeter.relative(images[:1], images, CAMERA)
+    assert heights.value[0] == pytest.approx(0, abs=1e-3)
+    assert (np.sign(heights.value[1:]) == [-1, -1, 1, 1]).all()
+    assert abs(heights.value[1]) > abs(heights.value[2])
+    assert heights.value[4] > heights.value[3]
+    assert np.abs(wrap_angle(heights.rotation_rad - 0.3 * np.arange(5))).max() < np.deg2rad(3)
 
 
 def test_moves_count_towards_the_centre_and_those_that_turn_otherwise_do_not():
@@ -131,16 +132,16 @@ def test_moves_count_towards_the_centre_and_those_that_turn_otherwise_do_not():
     turned = np.deg2rad(-20)  # the camera turns to the left by 20 degrees, what it sees to the right
     test = 0.9 * reference @ np.array([[np.cos(turned), np.sin(turned)], [-np.sin(turned), np.cos(turned)]])
     test[-1] *= -1  # a wrong match
-    value, share, rotation = _moved(test, reference, np.deg2rad(2))
+    value, share, rotation = radial_displacement(test, reference, np.deg2rad(2))
     assert (value, share) == (pytest.approx(10), pytest.approx(0.8))
     assert rotation == pytest.approx(np.deg2rad(20))
 
 
 def test_without_matches_there_is_no_height():
     black = np.zeros((2, 200, 200), np.uint8)
-    told = FeatureAltitude().relative(black[:1], black, CAMERA)
-    assert np.isnan(told.value).all()
-    assert (told.confidence == 0).all()
+    heights = FeatureAltitude().relative(black[:1], black, CAMERA)
+    assert np.isnan(heights.value).all()
+    assert (heights.confidence == 0).all()
 
 
 @pytest.mark.parametrize("altimeter", ALL, ids=repr)

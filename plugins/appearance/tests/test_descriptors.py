@@ -12,7 +12,7 @@ from skimage.filters import gabor_kernel
 from omnilab.errors import ConfigError, DataError
 from omnilab.testing import check_descriptor
 from omnilab_appearance import FourierSignature, Gist, Hog, Radon, RadonGist, RadonHog, Ring, RingKey, TinyImage
-from omnilab_appearance.common.circular_correlation import best_turns, heading_spectra
+from omnilab_appearance.common.circular_correlation import best_rotations, heading_spectra
 from omnilab_appearance.common.gabor import energies, kernel
 
 RNG = np.random.default_rng(4)
@@ -48,7 +48,7 @@ def test_a_turn_changes_no_place_and_shifts_headings(columns):
     signature = FourierSignature()
     queries, places = signature.describe(turned).heading, signature.describe(PANORAMAS).heading
     spectra = np.ascontiguousarray(heading_spectra(places).transpose(2, 1, 0))
-    agreement, rotation = best_turns(heading_spectra(queries), spectra, places.shape[-1])
+    agreement, rotation = best_rotations(heading_spectra(queries), spectra, places.shape[-1])
     error = np.angle(np.exp(1j * (rotation.diagonal() - 2 * np.pi * columns / 512)))
     assert np.abs(np.rad2deg(error)).max() < 0.3
     assert (agreement.diagonal() > 0.9).all()

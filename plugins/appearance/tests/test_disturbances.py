@@ -67,14 +67,14 @@ class Broken:
 
 def test_the_check_finds_what_is_broken():
     check_disturbance(Broken(), Broken())
-    told = {
+    words_of = {
         "input": "given are changed",
         "dtype": "float64",
         "shape": "come back",
         "batch": "one by one",
         "seed": "second",
     }
-    for promise, words in told.items():
+    for promise, words in words_of.items():
         with pytest.raises(AssertionError, match=words):
             check_disturbance(Broken(promise), Broken())
     with pytest.raises(AssertionError, match="changes nothing"):
@@ -146,7 +146,7 @@ def test_occlusions_are_rectangles_at_random_places():
 @pytest.mark.parametrize("sigma", [1.0, 2.5])
 def test_a_point_is_blurred_to_a_gaussian(sigma):
     line = np.zeros((1, 61, 61), np.uint8)
-    line[0, :, 30] = 255  # a line, so that the levels are high enough to be told apart
+    line[0, :, 30] = 255  # a line, so that the levels are high enough to be distinguished
     away = np.arange(61) - 30
     expected = 255 * np.exp(-(away**2) / (2 * sigma**2)) / (sigma * np.sqrt(2 * np.pi))
     assert np.abs(_apply(Blur(sigma), line)[0] - expected).max() < 0.6

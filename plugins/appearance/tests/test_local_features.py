@@ -41,7 +41,7 @@ def signatures(positions, vectors, count=None):
 def test_features_lie_about_the_centre():
     found = unpacked(signatures([[3, 4], [-5, 6]], np.eye(2), count=4))
     np.testing.assert_array_equal(found.xy[0], [[3, 4], [-5, 6], [0, 0], [0, 0]])
-    np.testing.assert_array_equal(found.there[0], [1, 1, 0, 0])
+    np.testing.assert_array_equal(found.valid[0], [1, 1, 0, 0])
     np.testing.assert_array_equal(found.vectors[0, :2], np.eye(2))
 
 

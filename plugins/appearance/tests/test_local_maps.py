@@ -12,7 +12,8 @@ from omnilab.api import Places, Signatures
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses, procrustes
 from omnilab.testing import check_embedder
-from omnilab_appearance import Cosine, Euclidean, Smacof, Spring, _map_kernels
+from omnilab_appearance import Cosine, Euclidean, Smacof, Spring
+from omnilab_appearance.localizers import map_kernels
 from omnilab_appearance.localizers.local_maps import Constants, connected, most_alike
 from omnilab_appearance.localizers.smacof import classical_scaling
 from omnilab_appearance.localizers.spring import Integrator
@@ -175,7 +176,7 @@ def test_two_masses_swing_as_the_damped_oscillator_does(verlet):
 
     def error(step_s):
         marks = np.arange(0, int(3 / step_s) + 1)[:, None]
-        states = _map_kernels.springs(
+        states = map_kernels.springs(
             length * pair, k * pair, c * pair, start, verlet, step_s, 1e-12, 4 * len(marks), marks
         )[4]
         t = step_s * marks[:, 0]
@@ -195,7 +196,7 @@ def test_verlet_is_of_second_order_without_dampers():
 
     def error(step_s):
         marks = np.arange(0, int(3 / step_s) + 1)[:, None]
-        states = _map_kernels.springs(2 * pair, 3 * pair, 1e-12 * pair, start, True, step_s, 0.0, len(marks), marks)[4]
+        states = map_kernels.springs(2 * pair, 3 * pair, 1e-12 * pair, start, True, step_s, 0.0, len(marks), marks)[4]
         return np.abs(
             states[:, 0, 0, 1] - states[:, 0, 0, 0] - 2 - 0.4 * np.cos(np.sqrt(6) * step_s * marks[:, 0])
         ).max()
@@ -367,8 +368,8 @@ def _warnings_are_kept(caplog):
 
 def test_repeated_images_are_as_far_from_the_others_as_one_another():
     """A length of 0 joins two points: paths to a third lead over it."""
-    from omnilab_appearance.localizers.smacof import _filled
+    from omnilab_appearance.localizers.smacof import complete_distances
 
     lengths = np.array([[[0.0, 0, 0], [0, 0, 3], [0, 3, 0]]])
     counts = np.array([[[False, True, False], [True, False, True], [False, True, False]]])
-    assert _filled(lengths, counts)[0, 0, 2] == 3.0
+    assert complete_distances(lengths, counts)[0, 0, 2] == 3.0

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.stats import kstest
 
-from omnilab.api import Circle, Frames, Unusable
+from omnilab.api import Circle, Frames, ImageFeatures, Unusable
 from omnilab.cameras import (
     CylindricalCamera,
     EquirectangularCamera,
@@ -26,9 +26,10 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import wrap_angle
 from omnilab.testing import check_odometry
 from omnilab_appearance import PlanarEpipolar
-from omnilab_appearance.common.ground_scale import floor_step
-from omnilab_appearance.common.relative_pose import Solver, chosen, errors, essential, pose_of, relative_pose
-from omnilab_appearance.common.spherical_features import Detector, Sighting, matched, sightings
+from omnilab_appearance.common.ground_scale import ground_step
+from omnilab_appearance.common.local_features import Detector
+from omnilab_appearance.common.relative_pose import Solver, decompose, essential, pose_of, relative_pose, sampson_errors
+from omnilab_appearance.common.spherical_features import match_features, spherical_features
 from omnilab_appearance.odometries.planar_epipolar import Length
 
 MIRROR = HyperbolicMirror(480, crop=0.5)
@@ -65,11 +66,11 @@ def noisy(points, noise, rng):
 def test_exact_matches_give_the_exact_motion(phi, beta, length, solver, seed):
     rng = np.random.default_rng(seed)
     p, q = matches(rng, 60, phi, beta, length)
-    told = pose_of(p, q, rng, solver)
-    assert told.failed == ""
-    assert abs(wrap_angle(told.phi - phi)) < 1e-6
-    assert abs(wrap_angle(told.beta - beta)) < 1e-5
-    assert told.agree.all()
+    motion = pose_of(p, q, rng, solver)
+    assert motion.failed == ""
+    assert abs(wrap_angle(motion.phi - phi)) < 1e-6
+    assert abs(wrap_angle(motion.beta - beta)) < 1e-5
+    assert motion.agree.all()
 
 
 @given(HORIZONTAL, HORIZONTAL)
@@ -80,9 +81,9 @@ def test_the_essential_matrix_is_that_of_the_motion(phi, beta):
     t = np.array([np.cos(beta), np.sin(beta), 0])
     cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
     np.testing.assert_allclose(essential(phi, beta), cross @ turned(np.eye(3), phi).T, atol=1e-12)
-    assert errors(p, q, phi, beta).max() < 1e-9
+    assert sampson_errors(p, q, phi, beta).max() < 1e-9
     for E in (essential(phi, beta), -essential(phi, beta)):
-        np.testing.assert_allclose(wrap_angle(np.subtract(chosen(E, p, q), (phi, beta))), 0, atol=1e-9)
+        np.testing.assert_allclose(wrap_angle(np.subtract(decompose(E, p, q), (phi, beta))), 0, atol=1e-9)
 
 
 @pytest.mark.parametrize("solver", Solver)
@@ -91,11 +92,11 @@ def test_wrong_matches_are_left_out(solver):
     for _ in range(20):
         phi, beta = rng.uniform(-3, 3, 2)
         p, q = matches(rng, 300, phi, beta, noise=1e-3, wrong=120)
-        told = pose_of(p, q, rng, solver)
-        assert abs(wrap_angle(told.phi - phi)) < 0.002
-        assert abs(wrap_angle(told.beta - beta)) < 0.01
-        assert told.agree[:180].mean() > 0.98
-        assert told.agree[180:].mean() < 0.1
+        motion = pose_of(p, q, rng, solver)
+        assert abs(wrap_angle(motion.phi - phi)) < 0.002
+        assert abs(wrap_angle(motion.beta - beta)) < 0.01
+        assert motion.agree[:180].mean() > 0.98
+        assert motion.agree[180:].mean() < 0.1
 
 
 @pytest.mark.parametrize(("count", "noise"), [(30, 1e-3), (150, 3e-4), (150, 2e-3)])
@@ -104,9 +105,9 @@ def test_errors_are_as_the_covariance_says(count, noise):
     squares = []
     for _ in range(300):
         phi, beta = rng.uniform(-3, 3, 2)
-        told = pose_of(*matches(rng, count, phi, beta, noise=noise), rng, tolerance_deg=1)
-        error = wrap_angle(np.array([told.phi - phi, told.beta - beta]))
-        squares.append(error @ np.linalg.solve(told.covariance, error))
+        motion = pose_of(*matches(rng, count, phi, beta, noise=noise), rng, tolerance_deg=1)
+        error = wrap_angle(np.array([motion.phi - phi, motion.beta - beta]))
+        squares.append(error @ np.linalg.solve(motion.covariance, error))
     assert np.mean(squares) == pytest.approx(2, rel=0.25)
     if count > 100:  # with few matches the noise itself is known too badly for the square to be chi-square
         assert kstest(squares, "chi2", args=(2,)).pvalue > 1e-3
@@ -120,9 +121,9 @@ def test_errors_are_as_the_covariance_says_among_wrong_matches(half_angle_deg, w
     squares = []
     for _ in range(300):
         phi, beta = rng.uniform(-3, 3, 2)
-        told = pose_of(*matches(rng, 300, phi, beta, noise=1e-3, wrong=wrong, half_angle_deg=half_angle_deg), rng)
-        error = wrap_angle(np.array([told.phi - phi, told.beta - beta]))
-        squares.append(error @ np.linalg.solve(told.covariance, error))
+        motion = pose_of(*matches(rng, 300, phi, beta, noise=1e-3, wrong=wrong, half_angle_deg=half_angle_deg), rng)
+        error = wrap_angle(np.array([motion.phi - phi, motion.beta - beta]))
+        squares.append(error @ np.linalg.solve(motion.covariance, error))
     assert np.mean(squares) == pytest.approx(2, rel=0.25)
     assert kstest(squares, "chi2", args=(2,)).pvalue > 1e-3
 
@@ -133,34 +134,34 @@ def test_a_match_on_the_other_side_of_the_direction_does_not_agree():
     c, s = np.cos(0.5 - 0.2), np.sin(0.5 - 0.2)
     mirrored = q * [1, 1, -1] - 2 * np.outer(q @ [s, -c, 0], [s, -c, 0])  # half a turn about the direction
     q[60:] = mirrored[60:]
-    told = pose_of(p, q, np.random.default_rng(0))
-    assert errors(p, q, 0.2, 0.5).max() < 1e-9
-    assert told.agree.tolist() == [True] * 60 + [False] * 40
-    assert abs(told.phi - 0.2) < 1e-6
-    assert abs(told.beta - 0.5) < 1e-5
+    motion = pose_of(p, q, np.random.default_rng(0))
+    assert sampson_errors(p, q, 0.2, 0.5).max() < 1e-9
+    assert motion.agree.tolist() == [True] * 60 + [False] * 40
+    assert abs(motion.phi - 0.2) < 1e-6
+    assert abs(motion.beta - 0.5) < 1e-5
 
 
 @given(HORIZONTAL, st.sampled_from([0.0, 1e-3]))
 @settings(max_examples=20, deadline=None)
-def test_a_rotation_alone_is_told_and_no_direction(phi, noise):
+def test_a_rotation_alone_gives_no_direction(phi, noise):
     rng = np.random.default_rng(4)
-    told = pose_of(*matches(rng, 200, phi, 0.0, length=0.0, noise=noise), rng)
-    assert "no parallax" in told.failed
-    assert abs(wrap_angle(told.phi - phi)) < 5 * np.sqrt(told.covariance[0, 0])
-    assert np.isnan(told.beta)
-    assert np.isinf(told.covariance[1, 1])
+    motion = pose_of(*matches(rng, 200, phi, 0.0, length=0.0, noise=noise), rng)
+    assert "no parallax" in motion.failed
+    assert abs(wrap_angle(motion.phi - phi)) < 5 * np.sqrt(motion.covariance[0, 0])
+    assert np.isnan(motion.beta)
+    assert np.isinf(motion.covariance[1, 1])
 
 
 def test_too_few_matches_and_matches_that_do_not_agree_are_said():
     rng = np.random.default_rng(0)
     assert pose_of(*matches(rng, 5, 0.1, 0.2), rng).failed == "5 matches"
     assert pose_of(np.zeros((0, 3)), np.zeros((0, 3)), rng).failed == "0 matches"
-    told = pose_of(*matches(rng, 40, 0.1, 0.2, wrong=40), rng, tolerance_deg=0.05)
-    assert "of 40 matches agree" in told.failed
-    assert np.isnan(told.phi)
+    motion = pose_of(*matches(rng, 40, 0.1, 0.2, wrong=40), rng, tolerance_deg=0.05)
+    assert "of 40 matches agree" in motion.failed
+    assert np.isnan(motion.phi)
 
 
-def test_points_at_the_horizon_tell_no_motion():
+def test_points_at_the_horizon_give_no_motion():
     azimuth = np.linspace(0, 6, 50)
     p = np.stack([np.cos(azimuth), np.sin(azimuth), 0 * azimuth], -1)
     assert pose_of(p, turned(p, -0.1), np.random.default_rng(0)).failed
@@ -181,9 +182,9 @@ def test_the_floor_is_what_lies_lowest(phi, beta, length):
     heights = np.repeat([-1.0, -0.6], [20, 40])  # most points lie on tables
     points = np.column_stack([rng.uniform(-2, 2, (60, 2)), heights])
     seen = turned(points - length * np.array([np.cos(beta), np.sin(beta), 0]), -phi)
-    told = floor_step(noisy(points, 0, rng), noisy(seen, 0, rng), phi, beta, 1e-4)
-    assert told.length == pytest.approx(length, rel=1e-6)
-    assert told.points <= 20
+    motion = ground_step(noisy(points, 0, rng), noisy(seen, 0, rng), phi, beta, 1e-4)
+    assert motion.length == pytest.approx(length, rel=1e-6)
+    assert motion.points <= 20
 
 
 # ------------------------------------------------------------------------------------------------ pictures of a room
@@ -228,14 +229,14 @@ CAMERAS = {
 
 
 @pytest.mark.parametrize("name", CAMERAS)
-def test_every_camera_model_tells_the_motion(name):
+def test_every_camera_model_estimates_the_motion(name):
     camera = CAMERAS[name]
     at = [(0.3, -0.2, 0.5), (0.3 + 0.2 * np.cos(1.7), -0.2 + 0.2 * np.sin(1.7), 0.8)]
-    looks = PlanarEpipolar().extract(frames([seen_from(*pose, camera) for pose in at], camera))
-    told = relative_pose(*looks, np.random.default_rng(0))
-    assert told.failed == ""
-    assert abs(wrap_angle(told.phi - 0.3)) < np.deg2rad(0.3)
-    assert abs(wrap_angle(told.beta - 1.2)) < np.deg2rad(3)
+    features = PlanarEpipolar().extract(frames([seen_from(*pose, camera) for pose in at], camera))
+    motion = relative_pose(*features, np.random.default_rng(0))
+    assert motion.failed == ""
+    assert abs(wrap_angle(motion.phi - 0.3)) < np.deg2rad(0.3)
+    assert abs(wrap_angle(motion.beta - 1.2)) < np.deg2rad(3)
 
 
 @pytest.fixture(scope="module")
@@ -252,59 +253,59 @@ def test_the_contract(odometry, pair):
 def test_lengths_by_the_floor_are_heights_of_the_camera_or_metres(pair):
     odometry, metric = PlanarEpipolar(), PlanarEpipolar(height_m=0.8)
     a, b, _ = odometry.extract(pair)
-    told, scaled = (o.estimate(a, b, np.random.default_rng(0)) for o in (odometry, metric))
-    assert (told.unit, scaled.unit) == ("camera heights", "m")
+    motion, scaled = (o.estimate(a, b, np.random.default_rng(0)) for o in (odometry, metric))
+    assert (motion.unit, scaled.unit) == ("camera heights", "m")
     truth = np.array([0.2 * np.cos(1.2), 0.2 * np.sin(1.2), 0.3])
-    assert np.abs(told.vector - truth)[:2].max() < 0.01
-    assert (np.abs(told.vector - truth) < 5 * np.sqrt(np.diag(told.covariance))).all()
-    np.testing.assert_allclose(scaled.vector, told.vector * [0.8, 0.8, 1])
-    np.testing.assert_allclose(scaled.covariance, told.covariance * np.outer([0.8, 0.8, 1], [0.8, 0.8, 1]))
-    assert told.matches.shape == (len(told.agree), 2, 2)
+    assert np.abs(motion.vector - truth)[:2].max() < 0.01
+    assert (np.abs(motion.vector - truth) < 5 * np.sqrt(np.diag(motion.covariance))).all()
+    np.testing.assert_allclose(scaled.vector, motion.vector * [0.8, 0.8, 1])
+    np.testing.assert_allclose(scaled.covariance, motion.covariance * np.outer([0.8, 0.8, 1], [0.8, 0.8, 1]))
+    assert motion.matches.shape == (len(motion.agree), 2, 2)
 
 
-def test_looks_stay_small_and_pickle(pair):
-    look = PlanarEpipolar().extract(pair.at(0))[0]
-    assert sum(part.nbytes for part in look[:3]) < 62_000
-    again = pickle.loads(pickle.dumps(look))
-    np.testing.assert_array_equal(again.directions, look.directions)
+def test_features_stay_small_and_pickle(pair):
+    features = PlanarEpipolar().extract(pair.at(0))[0]
+    assert sum(part.nbytes for part in (features.directions, features.azimuth_level, features.vectors)) < 62_000
+    again = pickle.loads(pickle.dumps(features))
+    np.testing.assert_array_equal(again.directions, features.directions)
 
 
 def test_features_across_the_seam_are_found():
     camera = EquirectangularCamera(512, 256)
-    look = sightings(frames([seen_from(0, 0, 0, camera)], camera), Detector.sift, 400, 12)[0]
-    azimuth = look.azimuth_level[:, 0]
+    features = spherical_features(frames([seen_from(0, 0, 0, camera)], camera), Detector.sift, 400, 12)[0]
+    azimuth = features.azimuth_level[:, 0]
     assert ((azimuth < 0.1) | (azimuth > 2 * np.pi - 0.1)).sum() >= 5
     np.testing.assert_allclose(
-        np.mod(np.arctan2(look.directions[:, 1], look.directions[:, 0]), 2 * np.pi), azimuth, atol=1e-5
+        np.mod(np.arctan2(features.directions[:, 1], features.directions[:, 0]), 2 * np.pi), azimuth, atol=1e-5
     )
 
 
-def test_surf_features_tell_the_motion_too(pair):
+def test_surf_features_give_the_motion_too(pair):
     odometry = PlanarEpipolar(detector=Detector.surf, tolerance_deg=1.0)
     a, b, _ = odometry.extract(pair)
-    told = relative_pose(a, b, np.random.default_rng(0), tolerance_deg=1.0)
-    assert abs(wrap_angle(told.phi - 0.3)) < np.deg2rad(1)
-    assert abs(wrap_angle(told.beta - 1.2)) < np.deg2rad(8)
+    motion = relative_pose(a, b, np.random.default_rng(0), tolerance_deg=1.0)
+    assert abs(wrap_angle(motion.phi - 0.3)) < np.deg2rad(1)
+    assert abs(wrap_angle(motion.beta - 1.2)) < np.deg2rad(8)
 
 
 def test_a_repeated_image_shows_no_parallax(pair):
     odometry = PlanarEpipolar()
-    look = odometry.extract(pair.at(0))[0]
-    told = odometry.estimate(look, look, np.random.default_rng(0))
-    assert "no parallax" in told.failed
-    assert np.isnan(told.vector[:2]).all()
-    assert abs(told.vector[2]) < 1e-6
+    features = odometry.extract(pair.at(0))[0]
+    motion = odometry.estimate(features, features, np.random.default_rng(0))
+    assert "no parallax" in motion.failed
+    assert np.isnan(motion.vector[:2]).all()
+    assert abs(motion.vector[2]) < 1e-6
 
 
 def test_images_in_which_there_is_nothing_are_unusable():
     shape = (480, 480)
     black, grey = np.zeros(shape, np.uint8), np.full(shape, 90, np.uint8)
     plain = np.broadcast_to(np.linspace(20, 200, 480).astype(np.uint8), shape)
-    looks = PlanarEpipolar().extract(frames([black, grey, plain], MIRROR))
-    assert all(isinstance(look, Unusable) for look in looks)
-    assert looks[0].reason == "black"
-    assert "flat" in looks[1].reason
-    assert "features" in looks[2].reason
+    features = PlanarEpipolar().extract(frames([black, grey, plain], MIRROR))
+    assert all(isinstance(f, Unusable) for f in features)
+    assert features[0].reason == "black"
+    assert "flat" in features[1].reason
+    assert "features" in features[2].reason
 
 
 def test_an_uncalibrated_camera_is_refused(pair):
@@ -318,23 +319,23 @@ def test_a_camera_without_a_floor_says_so():
     p, q = matches(rng, 100, 0.1, 0.2)
     up = p[:, 2] > 0.1
 
-    def sighting(directions):
+    def features_of(directions):
         vectors = np.eye(100, 128, dtype=np.uint8)[up] * 200
-        return Sighting(directions[up], np.zeros((up.sum(), 2)), vectors)
+        return ImageFeatures(directions[up], np.zeros((up.sum(), 2)), vectors)
 
-    told = PlanarEpipolar().estimate(sighting(p), sighting(q), rng)
-    assert told.failed == "0 points of the floor"
-    assert told.vector[2] == pytest.approx(0.1, abs=1e-6)
+    motion = PlanarEpipolar().estimate(features_of(p), features_of(q), rng)
+    assert motion.failed == "0 points of the floor"
+    assert motion.vector[2] == pytest.approx(0.1, abs=1e-6)
 
 
 def test_matches_are_mutual_and_clear():
-    def sighting(vectors):
+    def features_of(vectors):
         n = len(vectors)
-        return Sighting(np.zeros((n, 3)), np.zeros((n, 2)), np.asarray(vectors, np.float32))
+        return ImageFeatures(np.zeros((n, 3)), np.zeros((n, 2)), np.asarray(vectors, np.float32))
 
-    before = sighting([[1, 0, 0], [0, 1, 0], [0.1, 0, 1], [0, 0, 1]])  # the third is nobody's best
-    now = sighting([[0, 0.05, 1], [1, 0.05, 0], [0, 1, 0.07], [0, 1, -0.08]])  # the last two are alike
-    i, j = matched(before, now, 0.8)
+    before = features_of([[1, 0, 0], [0, 1, 0], [0.1, 0, 1], [0, 0, 1]])  # the third is nobody's best
+    now = features_of([[0, 0.05, 1], [1, 0.05, 0], [0, 1, 0.07], [0, 1, -0.08]])  # the last two are alike
+    i, j = match_features(before, now, 0.8)
     np.testing.assert_array_equal(i, [0, 3])
     np.testing.assert_array_equal(j, [1, 0])
 

@@ -27,9 +27,9 @@ def frames(poses=T):
 
 
 def motions(odometry, seed=1):
-    looks = odometry.extract(frames())
+    poses = odometry.extract(frames())
     rng = np.random.default_rng(seed)
-    return [odometry.estimate(looks[i], looks[i + 1], rng) for i in range(3)]
+    return [odometry.estimate(poses[i], poses[i + 1], rng) for i in range(3)]
 
 
 def test_conforms():
@@ -37,24 +37,26 @@ def test_conforms():
 
 
 def test_without_noise_it_is_the_motion_in_the_first_frame():
-    told = motions(Simulated(translation_noise=0, still_noise_m=1e-12, heading_noise_deg=1e-9, turn_noise=0, scale=3))
+    estimates = motions(
+        Simulated(translation_noise=0, still_noise_m=1e-12, heading_noise_deg=1e-9, turn_noise=0, scale=3)
+    )
     expected = TRUE * [3, 3, 1]
     expected[1, 2] = np.deg2rad(100)
-    assert np.allclose([m.vector for m in told], expected, atol=1e-9)
-    assert {m.unit for m in told} == {"m"}
+    assert np.allclose([m.vector for m in estimates], expected, atol=1e-9)
+    assert {m.unit for m in estimates} == {"m"}
 
 
 @pytest.mark.parametrize("step", [0, 1, 2])
 def test_its_covariance_is_that_of_its_noise(step):
     odometry = Simulated(0.1, 0.01, 2.0, 0.1)
-    looks = odometry.extract(frames())
+    poses = odometry.extract(frames())
     rng = np.random.default_rng(4)
-    told = [odometry.estimate(looks[step], looks[step + 1], rng) for _ in range(2000)]
-    off = np.array([m.vector for m in told]) - TRUE[step]
-    chi2 = np.einsum("ni,ij,nj->n", off, np.linalg.inv(told[0].covariance), off)
+    estimates = [odometry.estimate(poses[step], poses[step + 1], rng) for _ in range(2000)]
+    off = np.array([m.vector for m in estimates]) - TRUE[step]
+    chi2 = np.einsum("ni,ij,nj->n", off, np.linalg.inv(estimates[0].covariance), off)
     assert stats.kstest(chi2, stats.chi2(3).cdf).pvalue > 0.001
     assert np.allclose(
-        np.cov(off.T), told[0].covariance, atol=4 * np.sqrt(2 / 2000) * np.diag(told[0].covariance).max()
+        np.cov(off.T), estimates[0].covariance, atol=4 * np.sqrt(2 / 2000) * np.diag(estimates[0].covariance).max()
     )
 
 

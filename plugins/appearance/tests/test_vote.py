@@ -84,6 +84,6 @@ def test_the_middle_of_the_longest_run_in_a_ring_of_twelve(chosen, middle):
 
 
 @pytest.mark.parametrize("wrong", [{"ratio": 0}, {"ratio": 1.1}, {"least": 1}, {"length_sigma": 0}])
-def test_settings_that_match_nothing_are_told(wrong):
+def test_settings_that_match_nothing_are_refused(wrong):
     with pytest.raises(ConfigError, match="give"):
         Appearance(**wrong)

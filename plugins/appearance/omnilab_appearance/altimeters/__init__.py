@@ -1,1 +1,5 @@
-"""Altimeters."""
+"""Altimeters: the difference in height of two images."""
+
+from omnilab_appearance.altimeters.feature_altitude import FeatureAltitude as FeatureAltitude
+from omnilab_appearance.altimeters.floor_and_walls import FloorAndWalls as FloorAndWalls
+from omnilab_appearance.altimeters.radon_compression import RadonCompression as RadonCompression

@@ -1,4 +1,4 @@
-"""Omnidirectional images as rows of one elevation each."""
+"""Resampling of omnidirectional images to rows of constant elevation."""
 
 from __future__ import annotations
 
@@ -6,23 +6,22 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from omnilab.api import Bytes, CalibratedCamera, Camera, Floats
+from omnilab.api import Bools, Bytes, CalibratedCamera, Camera, Floats
 
 COLUMNS = 512  # samples of a row
 SMOOTHED = 0.7  # standard deviation of the blur before images are sampled, in pixels or in rows, whichever is larger
 
 
 class Rows(NamedTuple):
-    """Where R rows of elevations lie in a camera's images."""
+    """Pixels of R rows of constant elevation in a camera's images."""
 
-    uv: Floats  # (R, COLUMNS, 2) float32, pixels; column j looks to azimuth 2 pi j / COLUMNS
-    seen: npt.NDArray[np.bool_]  # (R,) whether a row lies within the frame, all of it
-    weight: Floats  # (R,) how many pixels a row has, relative to the longest
-    blur_px: float  # what keeps the sampling from skipping pixels
+    uv: Floats  # (R, COLUMNS, 2) float32, pixels; column j is at azimuth 2 pi j / COLUMNS
+    valid: Bools  # (R,) rows entirely within the frame
+    weight: Floats  # (R,) pixels of a row, relative to the longest
+    blur_px: float  # against aliasing
 
-    def pictures(self, image: Bytes) -> Floats:
+    def sample(self, image: Bytes) -> Floats:
         """The rows (R, COLUMNS) float32 of an image (H, W)."""
         import cv2
 
@@ -35,7 +34,7 @@ class Rows(NamedTuple):
 @lru_cache(maxsize=8)
 def rows_of(camera: Camera, count: int, lowest_deg: float, highest_deg: float, horizon: float) -> Rows:
     """`count` rows between two elevations. A camera without a calibration shows elevations evenly in radius, and the
-    horizon at a share `horizon` of the way from the edge of its ring that looks down to the other."""
+    horizon at a share `horizon` of its ring, from the edge that shows the ground to the other."""
     elevation = np.deg2rad(lowest_deg + (np.arange(count) + 0.5) / count * (highest_deg - lowest_deg))
     azimuth, elevation = np.meshgrid(2 * np.pi * np.arange(COLUMNS) / COLUMNS, elevation)
     if isinstance(camera, CalibratedCamera):
@@ -47,9 +46,9 @@ def rows_of(camera: Camera, count: int, lowest_deg: float, highest_deg: float, h
     with np.errstate(invalid="ignore"):
         inside = ((uv > -0.5) & (uv < frame - 0.5)).all(-1)
         inside &= np.hypot(uv[..., 0] - camera.circle.cx, uv[..., 1] - camera.circle.cy) >= camera.circle.inner
-    seen = inside.all(axis=1)
+    valid = inside.all(axis=1)
     along = np.linalg.norm(np.diff(uv, axis=1), axis=-1).mean(axis=1)
-    across = np.linalg.norm(np.diff(uv, axis=0), axis=-1)[seen[1:] & seen[:-1]]
+    across = np.linalg.norm(np.diff(uv, axis=0), axis=-1)[valid[1:] & valid[:-1]]
     spacing = float(np.median(across)) if across.size else 1.0
-    weight = np.where(seen, along, 0) / max(float(along[seen].max(initial=0)), 1e-9)
-    return Rows(np.nan_to_num(uv, nan=-1.0).astype(np.float32), seen, weight, SMOOTHED * max(1.0, spacing))
+    weight = np.where(valid, along, 0) / max(float(along[valid].max(initial=0)), 1e-9)
+    return Rows(np.nan_to_num(uv, nan=-1.0).astype(np.float32), valid, weight, SMOOTHED * max(1.0, spacing))

@@ -1,62 +1,59 @@
-"""Height from how the rows of an image slide: as those of a floor and of walls would."""
+"""Altitude from the displacement of image rows, modelled by a floor and walls."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from omnilab.api import Bytes, Camera, Floats, Heights
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import wrap_angle
 from omnilab_appearance.altimeters.elevations import COLUMNS, Rows, rows_of
-from omnilab_appearance.common.circular_correlation import vertex
+from omnilab_appearance.common.circular_correlation import Spectra, vertex
 from omnilab_appearance.common.image_pairs import check_pairs
 
-Spectra = npt.NDArray[np.complexfloating[Any, Any]]
-
-RATIOS = np.linspace(-2.6, 3.2, 117)  # logarithms of (height of the test) / (height of the reference) that are tried
-WALLS = np.geomspace(0.02, 2.0, 24)  # (height of the reference) / (distance of the walls) that are tried
-SHIFTS = 64  # rotations that are tried; the best is refined between them
+RATIOS = np.linspace(-2.6, 3.2, 117)  # candidates: logarithm of (height of the test) / (height of the reference)
+WALLS = np.geomspace(0.02, 2.0, 24)  # candidates: (height of the reference) / (distance of the walls)
+SHIFTS = 64  # candidate rotations; the best is refined between them
 LOCAL_DEG = (5.0, 12.0)  # elevation and azimuth over which brightness and contrast are evened out
-QUIET = 0.5  # contrast that is taken for noise, as a share of the mean one
+QUIET = 0.5  # contrast of noise, as a share of the mean
 FAINT = 0.3  # the same for whole rows, in power
-NEAR = 0.3  # in logarithms of the ratio: a second answer is further off than that
+NEAR = 0.3  # in logarithms of the ratio: the least distance of the second maximum
 
 
 class Paths(NamedTuple):
-    """Which row of the test shows what a row of the reference shows, for R x W ratios and walls: n rows of each."""
+    """Corresponding rows of test and reference, n of each, for R x W ratios and walls."""
 
     reference: Floats  # (R * W, n) float32, as an index into the rows
     test: Floats  # (R * W, n)
-    weight: Floats  # (R * W, n), 0 where either row is not seen
+    weight: Floats  # (R * W, n), 0 where either row is not visible
     cover: Floats  # (R * W,) share of the rows
 
 
 @dataclass
 class FloorAndWalls:
-    """The rise whose motion of image rows fits best: that of a floor up to walls, and of walls from there on.
+    """The rise whose displacement of image rows fits best, of a floor up to walls and of walls above it.
 
     Let t be the tangent of an elevation and h the height of the reference above the floor. A camera that rises by
     u times h sees a point of the floor (t < -w) at t (1 + u), and a point of a wall, which is h / w away, at t - u w,
-    below the horizon and above it. So the two answers that a plain change of scale mixes up, the floor's (a logarithm)
-    and the walls' (a straight line), are one: u, in units of the reference's height, and metric from 0.1 to 20 times
+    below the horizon and above it. So the floor's model (a logarithm) and the walls' (a straight line), which a
+    plain change of scale mixes up, have one parameter: u, in units of the reference's height, and metric from 0.1 to 20 times
     that height where a floor is seen. The images become rows of one elevation each, with brightness and contrast evened
     out; every row of the test is correlated with every row of the reference over all rotations (the lowest `frequencies`
     along the azimuth), and each pair (u, w) is a path through that matrix. The highest mean along a path gives the rise
     and the rotation at once. `curves` has 1 minus it, `least_distance`, for log(1 + u) from -2.6 to 3.2, 0.05 apart.
 
-    The confidence is 1 - (second answer) / (best answer). In the two shipped rooms, of answers with one above 0.1 none was
+    The confidence is 1 - (second maximum) / (maximum). In the two shipped rooms, no estimate of a confidence above 0.1 was
     off by 15 % in clear images and under 20 % noise, at most one in 250 under 30 %, and one in 60 with three tenths of
     the image hidden. `scale_m` makes metres of heights: that of the reference above the floor; or, if it is not known,
-    one known displacement divided by what was told for it.
+    one known displacement divided by its estimate.
 
     It takes the floor to be level and below both images, and one distance for all walls: over stairs or a table the
-    unit is the height above those. It does not know tilted cameras, nor ceilings (rows that see them are best left out
-    with `highest_deg`); beyond 0.08 to 24 times the reference's height it answers the nearest it knows.
+    unit is the height above those. It models neither tilted cameras nor ceilings (leave out rows that see them with
+    `highest_deg`); beyond 0.08 to 24 times the reference's height the estimate is the nearest of these.
     """
 
     scale_m: float | None = None  # metres per unit; null: heights are in units of the reference's height
@@ -76,7 +73,7 @@ class FloorAndWalls:
             )
         if self.rows < 16 or not 0 < self.frequencies <= SHIFTS // 2:
             raise ConfigError(
-                f"{self.rows} rows with {self.frequencies} frequencies tell nothing; give 16 rows or more,"
+                f"{self.rows} rows with {self.frequencies} frequencies describe nothing; give 16 rows or more,"
                 f" and 1 to {SHIFTS // 2} frequencies"
             )
         if not 0 < self.horizon <= 1:
@@ -86,9 +83,9 @@ class FloorAndWalls:
         """Rises in units of the reference's height above the floor, or in metres with `scale_m`."""
         check_pairs(references, tests, camera)
         rows = rows_of(camera, self.rows, self.lowest_deg, self.highest_deg, self.horizon)  # type: ignore[arg-type]  # cameras are frozen dataclasses
-        if rows.seen.sum() < 16:
+        if rows.valid.sum() < 16:
             raise DataError(
-                f"the camera shows {rows.seen.sum()} whole rows between {self.lowest_deg:g} and {self.highest_deg:g}"
+                f"the camera shows {rows.valid.sum()} whole rows between {self.lowest_deg:g} and {self.highest_deg:g}"
                 " degrees; give lowest_deg and highest_deg that it shows, or a camera that sees the floor all around"
             )
         paths = _paths(camera, self.rows, self.lowest_deg, self.highest_deg, self.horizon)  # type: ignore[arg-type]
@@ -108,23 +105,23 @@ class FloorAndWalls:
     def _spectra(self, rows: Rows, image: Bytes) -> Spectra:
         """The lowest frequencies (R, K) of an image's rows, without their means, each row of about unit length."""
         degrees = (self.highest_deg - self.lowest_deg) / self.rows
-        pictures = _evened(rows.pictures(image), LOCAL_DEG[0] / degrees, LOCAL_DEG[1] * COLUMNS / 360)
+        samples = _equalize(rows.sample(image), LOCAL_DEG[0] / degrees, LOCAL_DEG[1] * COLUMNS / 360)
         order = np.arange(1, self.frequencies + 1)
-        spectra = np.fft.rfft(pictures)[:, order] * order**0.3
+        spectra = np.fft.rfft(samples)[:, order] * order**0.3
         power = (np.abs(spectra) ** 2).sum(axis=1, keepdims=True)
-        length = np.sqrt(power + FAINT * power[rows.seen].mean())
+        length = np.sqrt(power + FAINT * power[rows.valid].mean())
         return np.asarray(np.divide(spectra, length, out=np.zeros_like(spectra), where=length > 0))
 
 
-def _evened(pictures: Floats, rows: float, columns: float) -> Floats:
-    """Pictures (R, C), whose columns wrap, with brightness and contrast alike everywhere but where there is no contrast.
+def _equalize(samples: Floats, rows: float, columns: float) -> Floats:
+    """Local normalisation of brightness and contrast of rows (R, C) whose columns wrap.
 
-    What is hidden or glaring counts no more than its area then, and the edges of bright windows no more than others.
+    It limits the weight of hidden or saturated parts to their area, and that of the edges of bright windows.
     """
     import cv2
 
     margin = int(3 * columns)
-    wide = np.pad(pictures, ((0, 0), (margin, margin)), "wrap")
+    wide = np.pad(samples, ((0, 0), (margin, margin)), "wrap")
     detail = wide - cv2.GaussianBlur(wide, (0, 0), sigmaX=columns, sigmaY=rows)
     power = cv2.GaussianBlur(detail**2, (0, 0), sigmaX=columns, sigmaY=rows)
     contrast = np.sqrt(power + QUIET**2 * power.mean())
@@ -148,18 +145,18 @@ def _best(test: Spectra, reference: Spectra, paths: Paths) -> tuple[float, float
     if top <= 0:
         return np.nan, 0.0, 0.0, curve
     log_ratio = RATIOS[ratio] + _between(score[:, wall, shift], int(ratio)) * (RATIOS[1] - RATIOS[0])
-    turn = shift + _between(score[ratio, wall, np.arange(-1, SHIFTS + 1) % SHIFTS], int(shift) + 1)
-    rivals = curve[np.abs(RATIOS - RATIOS[ratio]) > NEAR]
-    confidence = float(np.clip(1 - rivals.max() / top, 0, 1))
-    return float(np.expm1(log_ratio)), confidence, -2 * np.pi / SHIFTS * float(turn), curve
+    peak = shift + _between(score[ratio, wall, np.arange(-1, SHIFTS + 1) % SHIFTS], int(shift) + 1)
+    others = curve[np.abs(RATIOS - RATIOS[ratio]) > NEAR]
+    confidence = float(np.clip(1 - others.max() / top, 0, 1))
+    return float(np.expm1(log_ratio)), confidence, -2 * np.pi / SHIFTS * float(peak), curve
 
 
 def _correlations(test: Spectra, reference: Spectra) -> Floats:
-    """How every row of a test (R, K) agrees with every row of a reference at every rotation: (R, R, SHIFTS) float32."""
+    """Correlations (R, R, SHIFTS) float32 of every row of a test (R, K) with every row of a reference at every rotation."""
     rows, frequencies = test.shape
-    turns = np.exp(-2j * np.pi * np.outer(np.arange(SHIFTS), np.arange(1, frequencies + 1)) / SHIFTS)
-    turned = (reference[:, None] * turns).reshape(-1, frequencies)
-    parts = [np.concatenate([s.real, s.imag], axis=1).astype(np.float32) for s in (test, turned)]
+    phases = np.exp(-2j * np.pi * np.outer(np.arange(SHIFTS), np.arange(1, frequencies + 1)) / SHIFTS)
+    rotated = (reference[:, None] * phases).reshape(-1, frequencies)
+    parts = [np.concatenate([s.real, s.imag], axis=1).astype(np.float32) for s in (test, rotated)]
     return np.asarray(parts[0] @ parts[1].T).reshape(rows, rows, SHIFTS)
 
 
@@ -171,7 +168,7 @@ def _along(power: Floats, at: Floats, weight: Floats) -> Floats:
 
 
 def _between(values: Floats, top: int) -> float:
-    """How far from `top` a parabola through it and its neighbours peaks; 0 at the ends."""
+    """Offset of the vertex of the parabola through `top` and its neighbours; 0 at the ends."""
     if not 0 < top < len(values) - 1:
         return 0.0
     return float(vertex(*(np.array([v]) for v in values[top - 1 : top + 2]))[0])
@@ -179,7 +176,7 @@ def _between(values: Floats, top: int) -> float:
 
 @lru_cache(maxsize=8)
 def _paths(camera: Camera, count: int, lowest_deg: float, highest_deg: float, horizon: float) -> Paths:
-    """Every ratio with every wall. A path's points are spaced evenly in the mean of the two elevations."""
+    """Paths of every ratio with every wall; their points are spaced evenly in the mean of the two elevations."""
     rows = rows_of(camera, count, lowest_deg, highest_deg, horizon)  # type: ignore[arg-type]
     fine = np.deg2rad(np.linspace(-88.0, max(highest_deg, 0) + 5, 600))
     tangent = np.tan(fine)

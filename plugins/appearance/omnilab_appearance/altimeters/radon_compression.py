@@ -1,4 +1,4 @@
-"""Height from how far one Radon transform must be compressed to resemble another."""
+"""Altitude from the compression of the Radon transform."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from omnilab_appearance.distances.poc import Poc
 class RadonCompression:
     """Compression of the Radon transform of one image that resembles the other most (Berenguer, thesis, 5.3.1).
 
-    The transform of the test is turned by whole samples as phase-only correlation says, then compressed along the
+    The transform of the test is rotated by whole samples, by phase-only correlation, then compressed along the
     offsets from N to N - 2a samples, a = 0, 1, ... (eq. 5.5, 5.6), and compared with the middle N - 2a offsets of the
-    reference's (eq. 5.7); then the other way round. `value` is the a of the smallest distance, above 0 where it is the
+    reference's (eq. 5.7); then with the two exchanged. `value` is the a of the smallest distance, above 0 where it is the
     reference that was compressed: what is seen from higher up lies nearer to the middle (eq. 5.10-5.13). `curves` has
     all distances of both cases, `test_compressed` and `reference_compressed`, and the confidence is how far apart their
     minima are, (d - d') / (d + d'). Eq. 5.7 prints a plain difference; the absolute one is a distance. Its maxima
@@ -44,12 +44,12 @@ class RadonCompression:
         check_pairs(references, tests, camera)
         views = view_of(np.concatenate([references, tests]), camera, "mirror", False)
         both = Radon(self.offsets, self.angles).describe(views)  # at once: a pair takes hardly longer than one
-        known, asked = both[slice(len(references))], both[slice(len(references), None)]
-        rotation = _rotations(known, asked)
-        turns = np.rint(rotation * self.angles / (2 * np.pi)).astype(int)
-        turned = np.stack([np.roll(one, turn, axis=1) for one, turn in zip(asked.place, turns, strict=True)])
-        falling, rising = compressions(known.place, turned, int(self.most * self.offsets) + 1)
-        return read_off(falling, rising, rotation)
+        known, queried = both[slice(len(references))], both[slice(len(references), None)]
+        rotation = _rotations(known, queried)
+        shifts = np.rint(rotation * self.angles / (2 * np.pi)).astype(int)
+        rotated = np.stack([np.roll(one, shift, axis=1) for one, shift in zip(queried.place, shifts, strict=True)])
+        falling, rising = compressions(known.place, rotated, int(self.most * self.offsets) + 1)
+        return heights_of(falling, rising, rotation)
 
 
 def compressions(reference: Floats, test: Floats, count: int) -> tuple[Floats, Floats]:
@@ -59,7 +59,7 @@ def compressions(reference: Floats, test: Floats, count: int) -> tuple[Floats, F
     return compressed_distances(reference, test, count), compressed_distances(test, reference, count)
 
 
-def read_off(falling: Floats, rising: Floats, rotation_rad: Floats) -> Heights:
+def heights_of(falling: Floats, rising: Floats, rotation_rad: Floats) -> Heights:
     """Heights from the distances (N, count) of both cases."""
     down, up = falling.min(axis=1), rising.min(axis=1)
     value = np.where(up < down, rising.argmin(axis=1), -falling.argmin(axis=1)).astype(float)

@@ -1,1 +1,1 @@
-"""What several kinds of components share."""
+"""Code that several kinds of components share."""

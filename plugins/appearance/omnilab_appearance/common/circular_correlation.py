@@ -1,4 +1,4 @@
-"""Rotations between signatures whose last axis shifts as the camera turns."""
+"""Circular cross-correlation of signatures whose last axis shifts under a rotation of the camera."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
 
 Spectra = npt.NDArray[np.complexfloating[Any, Any]]
-HELD = 2**21  # correlation samples held at once: what the cache and the memory like
+HELD = 2**21  # correlation samples held at once
 
 
 class Headings(NamedTuple):
-    """The headings of a map, ready to be compared with."""
+    """Spectra of a map's `heading` parts, to be correlated with."""
 
     spectra: Spectra  # (frequencies, rows, P)
     samples: int  # over 360 degrees
 
 
 def headings_of(places: Signatures) -> Headings | None:
-    """The `heading` parts of places, where they have one."""
+    """The spectra of the `heading` parts of places, if they have one."""
     if places.heading is None:
         return None
     spectra = heading_spectra(places.heading)
@@ -36,17 +36,17 @@ def headings_of(places: Signatures) -> Headings | None:
 
 
 def rotations(queries: Signatures, places: Headings | None) -> Floats | None:
-    """Query heading - place heading (Q, P) in [-pi, pi), where both have a `heading` part: the shift that fits best."""
+    """Query heading - place heading (Q, P) in [-pi, pi), where both have a `heading` part: the shift of the highest correlation."""
     if queries.heading is None or places is None:
         return None
-    _, rotation = best_turns(heading_spectra(queries.heading), *places)
+    _, rotation = best_rotations(heading_spectra(queries.heading), *places)
     return wrap_angle(rotation)
 
 
 def heading_spectra(headings: Floats) -> Spectra:
     """Half spectra (N, rows, frequencies) along the last axis of (N, ..., samples), without means, of unit length.
 
-    Headings that are flat have no direction: their spectra are zero.
+    Constant headings have no direction: their spectra are zero.
     """
     from scipy import fft
 
@@ -58,8 +58,8 @@ def heading_spectra(headings: Floats) -> Spectra:
     return np.asarray(np.divide(spectra, length, out=np.zeros_like(spectra), where=length > 0))
 
 
-def best_turns(queries: Spectra, places: Spectra, samples: int) -> tuple[Floats, Floats]:
-    """How well Q queries agree with P places at the best rotation, and that rotation in radians, both (Q, P).
+def best_rotations(queries: Spectra, places: Spectra, samples: int) -> tuple[Floats, Floats]:
+    """The highest circular correlation of Q queries with P places, and its rotation in radians, both (Q, P).
 
     Spectra are (Q, rows, frequencies) and (frequencies, rows, P): half spectra of real signals of `samples` along the
     axis that shifts. Correlations are summed over the rows, and peaks refined between the samples by a parabola.
@@ -78,7 +78,7 @@ def best_turns(queries: Spectra, places: Spectra, samples: int) -> tuple[Floats,
         agreement[:, chunk] = peak.reshape(cross.shape[1:])
         rotation[:, chunk] = (2 * np.pi / samples * shift).reshape(cross.shape[1:])
 
-    # a thread a block, and none within: the sums do not depend on their number, and they do not wait for each other
+    # one thread a block and none within, so that sums do not depend on the number of threads
     with blas().limit(limits=1, user_api="blas"), ThreadPoolExecutor(os.cpu_count()) as pool:
         list(pool.map(compare, range(0, places.shape[2], step)))
     return agreement, rotation
@@ -86,21 +86,21 @@ def best_turns(queries: Spectra, places: Spectra, samples: int) -> tuple[Floats,
 
 @cache
 def blas() -> ThreadpoolController:
-    """Limits the threads of numpy's linear algebra: on small matrices, they wait for each other longer than they work."""
+    """A controller of the threads of numpy's linear algebra, which slow each other down on small matrices."""
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
 
 
 def _synthesis(frequencies: int, samples: int) -> Floats:
-    """(2 x frequencies, samples): from the real and imaginary parts of half a spectrum to the correlation itself."""
-    turns = 2 * np.pi * np.outer(np.arange(frequencies), np.arange(samples)) / samples
+    """The inverse DFT as a matrix (2 x frequencies, samples), for real and imaginary parts of half a spectrum."""
+    phase = 2 * np.pi * np.outer(np.arange(frequencies), np.arange(samples)) / samples
     twice = np.where(np.arange(frequencies) == 0, 1, 2)[:, None]  # the other half of the spectrum
-    return np.concatenate([twice * np.cos(turns), -twice * np.sin(turns)]).astype(np.float32)
+    return np.concatenate([twice * np.cos(phase), -twice * np.sin(phase)]).astype(np.float32)
 
 
 def _highest(curves: Floats) -> tuple[Floats, Floats]:
-    """The peak of each row (N, samples) and where it lies, both refined between the samples by a parabola."""
+    """The peak of each row (N, samples) and its position, both refined between the samples by a parabola."""
     top = curves.argmax(axis=1)
     every = np.arange(len(curves))
     peak = curves[every, top]
@@ -110,7 +110,7 @@ def _highest(curves: Floats) -> tuple[Floats, Floats]:
 
 
 def vertex(before: Floats, peak: Floats, after: Floats) -> Floats:
-    """Where between -0.5 and 0.5 the parabola through three samples peaks, the middle one being the highest."""
+    """The vertex, in [-0.5, 0.5], of the parabola through three samples of which the middle one is the highest."""
     bend = before - 2 * peak + after
     offset = np.divide(0.5 * (before - after), bend, out=np.zeros_like(peak), where=bend < 0)
     return np.asarray(np.clip(offset, -0.5, 0.5))

@@ -1,4 +1,4 @@
-"""Gabor filters on pictures whose last axis wraps around."""
+"""Gabor filter banks on images whose last axis wraps around."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from omnilab.api import Floats
 
 REACH = 3.0  # standard deviations at which a filter ends
-CHUNK = 16  # pictures filtered at once
+CHUNK = 16  # images filtered at once
 
 
 def kernel(frequency: float, orientation_rad: float) -> Floats:
@@ -25,18 +25,18 @@ def kernel(frequency: float, orientation_rad: float) -> Floats:
     return np.asarray(envelope * np.exp(2j * np.pi * frequency * along))
 
 
-def energies(pictures: Floats, orientations: int, frequency: float) -> Floats:
-    """Moduli (N, M, H, W) of the responses of pictures (N, H, W) to M filters with orientations evenly over 180 degrees.
+def energies(images: Floats, orientations: int, frequency: float) -> Floats:
+    """Gabor energies: moduli (N, M, H, W) of the responses of images (N, H, W) to M filters, evenly over 180 degrees.
 
     The last axis wraps around; the other is continued by reflection.
     """
     from scipy import fft
 
-    height, width = pictures.shape[1:]
+    height, width = images.shape[1:]
     filters, margin = _transfer(height, width, orientations, frequency)
-    found = np.empty((len(pictures), orientations, height, width), np.float32)
-    for start in range(0, len(pictures), CHUNK):
-        padded = np.pad(pictures[start : start + CHUNK], ((0, 0), (margin, margin), (0, 0)), mode="symmetric")
+    found = np.empty((len(images), orientations, height, width), np.float32)
+    for start in range(0, len(images), CHUNK):
+        padded = np.pad(images[start : start + CHUNK], ((0, 0), (margin, margin), (0, 0)), mode="symmetric")
         spectra = fft.fft2(padded.astype(np.float32), workers=-1)
         for m, transfer in enumerate(filters):
             response = fft.ifft2(spectra * transfer, workers=-1)
@@ -53,16 +53,14 @@ def _transfer(height: int, width: int, orientations: int, frequency: float) -> t
     transfers = np.zeros((orientations, height + 2 * margin, width), np.complex128)
     rows, columns = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     for transfer, values in zip(transfers, kernels, strict=True):
-        np.add.at(transfer, (rows % transfer.shape[0], columns % width), values)  # a narrow picture is gone round twice
+        np.add.at(transfer, (rows % transfer.shape[0], columns % width), values)  # a narrow image is gone round twice
     return np.fft.fft2(transfers).astype(np.complex64), margin
 
 
-def halved(pictures: Floats) -> Floats:
-    """Pictures (N, H, W), low-passed by a Gaussian and subsampled by 2; the last axis wraps around."""
+def halved(images: Floats) -> Floats:
+    """Images (N, H, W), low-passed by a Gaussian and subsampled by 2; the last axis wraps around."""
     import cv2
 
-    wrapped = np.pad(
-        np.pad(pictures, ((0, 0), (0, 0), (3, 3)), mode="wrap"), ((0, 0), (3, 3), (0, 0)), mode="symmetric"
-    )
-    soft = [cv2.GaussianBlur(picture, (7, 7), 1.0)[3:-3:2, 3:-3:2] for picture in wrapped]
+    wrapped = np.pad(np.pad(images, ((0, 0), (0, 0), (3, 3)), mode="wrap"), ((0, 0), (3, 3), (0, 0)), mode="symmetric")
+    soft = [cv2.GaussianBlur(image, (7, 7), 1.0)[3:-3:2, 3:-3:2] for image in wrapped]
     return np.stack(soft)

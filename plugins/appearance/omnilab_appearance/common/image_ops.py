@@ -1,4 +1,4 @@
-"""What descriptors do to pictures before they describe them."""
+"""Image operations that descriptors share: channels, resampled rows, blocks."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from omnilab.errors import DataError
 
 
 def channels_of(images: Bytes, color: bool) -> Bytes:
-    """Grey pictures (N, H, W), or all channels of colour ones (N, H, W, 3) as (3 N, H, W); DataError for others."""
+    """Grey images (N, H, W), or all channels of colour ones (N, H, W, 3) as (3 N, H, W); DataError for others."""
     if images.ndim != (4 if color else 3) or images.dtype != np.uint8:
         wanted = "(N, H, W, 3)" if color else "(N, H, W)"
         raise DataError(f"images of shape {images.shape} and type {images.dtype} were given; give {wanted} uint8")
@@ -19,7 +19,7 @@ def channels_of(images: Bytes, color: bool) -> Bytes:
 
 
 def side_by_side(signatures: Signatures, color: bool) -> Signatures:
-    """Signatures of channels (3 N, ...) as those of colour pictures: the three are stacked along the first axis."""
+    """Signatures of channels (3 N, ...) as those of colour images: the three are stacked along the first axis."""
     if not color:
         return signatures
     return Signatures(_stacked(signatures.place), None if signatures.heading is None else _stacked(signatures.heading))
@@ -43,7 +43,7 @@ def with_rows(images: Bytes, rows: int) -> Floats:
 
 
 def bands(count: int, length: int) -> list[slice]:
-    """`count` stretches that part `length` samples, as even as can be; DataError if there are more than samples."""
+    """`count` contiguous slices of `length` samples, as even as possible; DataError if `count` is above `length`."""
     if count > length:
         raise DataError(f"{count} blocks cannot be cut from {length} rows; give at most {length}")
     edges = np.round(np.linspace(0, length, count + 1)).astype(int)
@@ -51,9 +51,9 @@ def bands(count: int, length: int) -> list[slice]:
 
 
 def columns_around(values: Floats, width: int, spacing: int) -> Floats:
-    """Means over overlapping stretches of the last axis, which wraps: (..., W) to (..., W / spacing).
+    """Means over overlapping windows of the last axis, which wraps: (..., W) to (..., W / spacing).
 
-    Stretch k is `width` samples wide and begins at k x spacing.
+    Window k is `width` samples wide and begins at k x spacing.
     """
     samples = values.shape[-1]
     if width > samples or samples % spacing:

@@ -1,4 +1,4 @@
-"""Pairs of images, as altimeters are given them."""
+"""Validation of image pairs."""
 
 from __future__ import annotations
 

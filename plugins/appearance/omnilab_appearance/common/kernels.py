@@ -1,4 +1,4 @@
-"""Inner loops, compiled on first use. Every output is summed in one fixed order, whatever the number of threads."""
+"""Numba kernels of descriptors, distances and altimeters; sums run in one fixed order for any number of threads."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 @nb.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
 def line_sums(padded, cos, sin, center):  # type: ignore[no-untyped-def]
-    """Sums (M, n, N) of bilinear samples along the lines of images (n + 4, n + 4, N) with a frame of two zeros."""
+    """Radon transform: sums (M, n, N) of bilinear samples along lines of images (n + 4, n + 4, N), two zeros around them."""
     n = padded.shape[0] - 4
     batch = padded.shape[2]
     out = np.zeros((len(cos), n, batch), np.float32)
@@ -73,22 +73,22 @@ def contrast_sums(queries, places):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
-def gradient_histograms(pictures, bins):  # type: ignore[no-untyped-def]
-    """Sums of gradient strength by direction over rows (N, H, bins) and over columns (N, bins, W); columns wrap."""
-    count, height, width = pictures.shape
+def gradient_histograms(images, bins):  # type: ignore[no-untyped-def]
+    """Gradient histograms of rows (N, H, bins) and of columns (N, bins, W), weighted by magnitude; columns wrap."""
+    count, height, width = images.shape
     rows = np.zeros((count, height, bins), np.float32)
     columns = np.zeros((count, width, bins), np.float32)
     cos = np.cos(np.pi * np.arange(1, bins) / bins)
     sin = np.sin(np.pi * np.arange(1, bins) / bins)
     for n in nb.prange(count):
-        picture = pictures[n]
+        image = images[n]
         for v in range(height):
             inner = 0 < v < height - 1
             for u in range(width):
                 left = u - 1 if u > 0 else width - 1
                 right = u + 1 if u + 1 < width else 0
-                across = float(picture[v, right]) - picture[v, left]
-                down = float(picture[v + 1, u]) - picture[v - 1, u] if inner else 0.0
+                across = float(image[v, right]) - image[v, left]
+                down = float(image[v + 1, u]) - image[v - 1, u] if inner else 0.0
                 strength = math.sqrt(across * across + down * down)
                 if down < 0 or (down == 0 and across < 0):  # directions count modulo half a turn
                     across, down = -across, -down

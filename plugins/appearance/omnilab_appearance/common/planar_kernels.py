@@ -1,6 +1,6 @@
-"""Planar epipolar geometry, compiled on first use. Everything is summed in one fixed order.
+"""Numba kernels of planar epipolar geometry; all sums run in one fixed order.
 
-The second camera stands at (cos beta, sin beta) times the step, turned by phi; g = beta - phi. A match of directions p
+The second camera stands at (cos beta, sin beta) times the step, rotated by phi; g = beta - phi. A match of directions p
 and q keeps r = p_z (q_y cos g - q_x sin g) + q_z (p_x sin beta - p_y cos beta) = 0, which is p' E q = 0 with
 e31 = -sin g, e32 = cos g, e13 = sin beta, e23 = -cos beta.
 """
@@ -15,7 +15,7 @@ import numpy as np
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def squared_error(p, q, cg, sg, cb, sb):  # type: ignore[no-untyped-def]
-    """Sampson's error of a match, squared: rad^2, as both directions are of length 1."""
+    """Squared Sampson error of a match, in rad^2: both directions are of length 1."""
     a = q[1] * cg - q[0] * sg
     b = p[0] * sb - p[1] * cb
     r = p[2] * a + q[2] * b
@@ -24,7 +24,7 @@ def squared_error(p, q, cg, sg, cb, sb):  # type: ignore[no-untyped-def]
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def cost(p, q, g, beta, limit):  # type: ignore[no-untyped-def]
-    """MSAC's score: the sum of squared errors, each at most `limit`, and how many are less (Torr and Zisserman, 2000)."""
+    """MSAC cost, the sum of squared errors truncated at `limit`, and the count of inliers (Torr and Zisserman, 2000)."""
     cg, sg, cb, sb = math.cos(g), math.sin(g), math.cos(beta), math.sin(beta)
     total, good = 0.0, 0
     for i in range(len(p)):
@@ -64,7 +64,7 @@ def normal_equations(p, q, g, beta, limit):  # type: ignore[no-untyped-def]
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def refined(p, q, g, beta, limit, steps):  # type: ignore[no-untyped-def]
-    """Gauss-Newton on both unknowns from the matches within `limit`, which are chosen anew in each step."""
+    """Gauss-Newton on both unknowns over the matches within `limit`, reselected in each step."""
     for _ in range(steps):
         h00, h01, h11, b0, b1, _ee, _count = normal_equations(p, q, g, beta, limit)
         damped = 1e-9 * (h00 + h11) + 1e-15
@@ -83,7 +83,7 @@ def refined(p, q, g, beta, limit, steps):  # type: ignore[no-untyped-def]
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def two_points(p, q, i, j, out):  # type: ignore[no-untyped-def]
-    """The motions (g, beta) that two matches leave, up to half a turn of both angles, in `out` (2, 2): how many, 0 or 2.
+    """Two-point solver: motions (g, beta), up to half a turn of both angles, written to `out` (2, 2); their count, 0 or 2.
 
     Both rows say A u + C v = 0 of u = (cos g, sin g) and v = (cos beta, sin beta): u = M v, and |u| = |v| = 1.
     """
@@ -113,7 +113,7 @@ def two_points(p, q, i, j, out):  # type: ignore[no-untyped-def]
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def linear(p, q, which, out):  # type: ignore[no-untyped-def]
-    """The motion (g, beta) of the four entries of E that K >= 4 matches `which` fit best, up to half a turn, in `out`."""
+    """Linear solver: the motion (g, beta) of the four entries of E that fit K >= 4 matches `which`, up to half a turn, in `out`."""
     rows = np.empty((len(which), 4))
     for k in range(len(which)):
         i = which[k]
@@ -127,7 +127,7 @@ def linear(p, q, which, out):  # type: ignore[no-untyped-def]
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def ransac(p, q, samples, limit, sure):  # type: ignore[no-untyped-def]
-    """The motion (g, beta) of least cost, each new best refined at once (LO-RANSAC: Chum et al., 2003).
+    """LO-RANSAC: the motion (g, beta) of least MSAC cost, each new best refined at once (Chum et al., 2003).
 
     Draws (n, 2) are solved by two_points, (n, K >= 4) by linear. They end once a sample of good matches only has been
     drawn with probability 1 - sure, and before that not below 20.
@@ -156,7 +156,7 @@ def ransac(p, q, samples, limit, sure):  # type: ignore[no-untyped-def]
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def noise_of(p, q, g, beta, limit):  # type: ignore[no-untyped-def]
-    """Standard deviation of the errors below `limit`, from their median; few are trusted less (Rousseeuw and Leroy, 1987)."""
+    """Robust standard deviation of the errors below `limit`, from their median (Rousseeuw and Leroy, 1987)."""
     cg, sg, cb, sb = math.cos(g), math.sin(g), math.cos(beta), math.sin(beta)
     errors = np.empty(len(p))
     count = 0
@@ -172,7 +172,7 @@ def noise_of(p, q, g, beta, limit):  # type: ignore[no-untyped-def]
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def parallaxes(p, q, g, beta):  # type: ignore[no-untyped-def]
-    """How far things moved away from direction beta (M,), in radians. What a camera moves to stays, all else falls back."""
+    """Parallax (M,), the angle by which points moved away from direction beta, in radians."""
     cg, sg, cb, sb = math.cos(g), math.sin(g), math.cos(beta), math.sin(beta)
     out = np.empty(len(p))
     for i in range(len(p)):
@@ -184,7 +184,7 @@ def parallaxes(p, q, g, beta):  # type: ignore[no-untyped-def]
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def beside(p, q, g, beta, off):  # type: ignore[no-untyped-def]
-    """Which matches (M,) lie on one side of the direction in their plane, as one point must; both may be `off` by so much."""
+    """Cheirality (M,): matches on one side of beta in their epipolar plane, within errors of `off` each."""
     cg, sg, cb, sb = math.cos(g), math.sin(g), math.cos(beta), math.sin(beta)
     out = np.empty(len(p), np.bool_)
     for i in range(len(p)):
@@ -194,8 +194,8 @@ def beside(p, q, g, beta, off):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def fitting(p, q, g, beta, limit):  # type: ignore[no-untyped-def]
-    """Which matches (M,) have squared errors below `limit`."""
+def inliers(p, q, g, beta, limit):  # type: ignore[no-untyped-def]
+    """Inlier mask (M,): squared errors below `limit`."""
     cg, sg, cb, sb = math.cos(g), math.sin(g), math.cos(beta), math.sin(beta)
     out = np.empty(len(p), np.bool_)
     for i in range(len(p)):
@@ -204,8 +204,8 @@ def fitting(p, q, g, beta, limit):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def turned_only(p, q, noise):  # type: ignore[no-untyped-def]
-    """The rotation that fits all matches best if nothing but that has happened, and its variance."""
+def pure_rotation(p, q, noise):  # type: ignore[no-untyped-def]
+    """Least-squares rotation without translation, and its variance."""
     across, along = 0.0, 0.0
     for i in range(len(p)):
         across += q[i, 0] * p[i, 1] - q[i, 1] * p[i, 0]
@@ -215,12 +215,12 @@ def turned_only(p, q, noise):  # type: ignore[no-untyped-def]
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def planar_motion(p, q, samples, tolerance, finest):  # type: ignore[no-untyped-def]
-    """phi, beta, their variances and covariance, noise, how many matches fit, parallax in standard deviations, and
-    phi with its variance if the camera only turned.
+    """Robust estimate of planar motion: phi, beta, their variances and covariance, noise, inliers, parallax in standard
+    deviations, and phi with its variance under pure rotation.
 
     After RANSAC the noise is that of the matches within `tolerance`, and those within three of it are fitted. A wrong
     match that happens to lie on its epipolar line mostly does so far along it, where it would weigh the most; so matches
-    that fell forward, or back by more than four times the median, or to the other side, do not count.
+    of negative parallax, of more than four times the median, or on the other side of the direction, are rejected.
     """
     limit = tolerance * tolerance
     g, beta, least = ransac(p, q, samples, limit, 1e-4)
@@ -233,7 +233,7 @@ def planar_motion(p, q, samples, tolerance, finest):  # type: ignore[no-untyped-
 
     kept_p, kept_q, parallax = p, q, 0.0
     for _ in range(3):
-        fits = fitting(p, q, g, beta, near)
+        fits = inliers(p, q, g, beta, near)
         kept_p, kept_q = p[fits], q[fits]
         if len(kept_p) == 0:
             break
@@ -251,5 +251,5 @@ def planar_motion(p, q, samples, tolerance, finest):  # type: ignore[no-untyped-
     noise = max(math.sqrt(ee / max(count - 2, 1) / 0.9733), finest)  # a normal distribution cut at three sigma: 0.9733
     det = max(h00 * h11 - h01 * h01, 1e-30)
     vg, vb, cov = noise**2 * h11 / det, noise**2 * h00 / det, -(noise**2) * h01 / det
-    phi, variance = turned_only(kept_p, kept_q, noise)
+    phi, variance = pure_rotation(kept_p, kept_q, noise)
     return beta - g, beta, vg + vb - 2 * cov, vb, vb - cov, noise, count, abs(parallax), phi, variance

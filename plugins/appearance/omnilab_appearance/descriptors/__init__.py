@@ -1,1 +1,15 @@
-"""Descriptors."""
+"""Global-appearance and local-feature descriptors."""
+
+from omnilab_appearance.descriptors.fourier_signature import FourierSignature as FourierSignature
+from omnilab_appearance.descriptors.gist import Gist as Gist
+from omnilab_appearance.descriptors.hog import Hog as Hog
+from omnilab_appearance.descriptors.onnx import Onnx as Onnx
+from omnilab_appearance.descriptors.radon import Radon as Radon
+from omnilab_appearance.descriptors.radon_gist import RadonGist as RadonGist
+from omnilab_appearance.descriptors.radon_hog import RadonHog as RadonHog
+from omnilab_appearance.descriptors.ring import Ring as Ring
+from omnilab_appearance.descriptors.ring_key import RingKey as RingKey
+from omnilab_appearance.descriptors.rotational_pca import RotationalPca as RotationalPca
+from omnilab_appearance.descriptors.sift import Sift as Sift
+from omnilab_appearance.descriptors.surf import Surf as Surf
+from omnilab_appearance.descriptors.tiny_image import TinyImage as TinyImage

@@ -1,4 +1,4 @@
-"""The Fourier signature of the panorama."""
+"""Fourier signature of the panorama."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from omnilab_appearance.common.image_ops import channels_of, side_by_side, with_
 class FourierSignature:
     """Fourier signature: the DFT of each row of the panorama (Menegatti et al., 2004; Berenguer, thesis, 2.1.1).
 
-    `place` holds the magnitudes of the first columns (N, rows, k1), which do not change as the camera turns. `heading`
-    holds the phases of the columns after the mean, as the rows that they alone would make (N, rows, 4 k2): a turn
-    shifts these, so one correlation reads the rotation off all phases together.
+    `place` holds the magnitudes of the first columns (N, rows, k1), which are invariant under rotation. `heading`
+    holds the phases of the columns after the mean, as signals of unit magnitude at these frequencies (N, rows, 4 k2): a
+    rotation shifts these, so one correlation over all of them gives it.
     """
 
     rows: int = 64  # the panorama is averaged to so many
-    magnitudes: int = 16  # k1, columns that tell the place
-    phases: int = 16  # k2, columns that tell the heading
+    magnitudes: int = 16  # k1, columns of `place`
+    phases: int = 16  # k2, columns of `heading`
     color: bool = False  # each channel of RGB for itself
 
     view: ClassVar[str] = "panorama"
@@ -40,14 +40,14 @@ class FourierSignature:
         """Magnitudes (N, rows, k1) and headings (N, rows, 4 k2) of panoramas (N, H, W[, 3])."""
         from scipy import fft
 
-        pictures = with_rows(channels_of(images, self.color), self.rows)
-        columns = pictures.shape[2] // 2 + 1
+        panoramas = with_rows(channels_of(images, self.color), self.rows)
+        columns = panoramas.shape[2] // 2 + 1
         if max(self.magnitudes, self.phases + 1) > columns:
             raise DataError(
-                f"a panorama of {pictures.shape[2]} columns has {columns} frequencies, not {self.magnitudes} and"
+                f"a panorama of {panoramas.shape[2]} columns has {columns} frequencies, not {self.magnitudes} and"
                 f" {self.phases + 1}; give fewer magnitudes and phases"
             )
-        spectra = fft.rfft(pictures)
+        spectra = fft.rfft(panoramas)
         place = np.abs(spectra[:, :, : self.magnitudes])
         phases = spectra[:, :, : self.phases + 1].copy()
         modulus = np.abs(phases)

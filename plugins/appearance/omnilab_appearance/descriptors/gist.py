@@ -1,4 +1,4 @@
-"""Gist: how strong edges of each orientation are, in blocks."""
+"""Gist of the panorama."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from omnilab_appearance.common.image_ops import bands, channels_of, columns_arou
 class Gist:
     """Gist of the panorama: means of Gabor responses at two resolutions (Payá et al., 2016, 3.1.4; Oliva & Torralba).
 
-    `place`: horizontal blocks of full width (N, 2 levels, orientations, blocks), which do not change as the camera
-    turns. `heading`: vertical blocks of full height, which overlap (N, 2 x orientations, columns / spacing): a turn
-    shifts their last axis.
+    `place`: horizontal blocks of full width (N, 2 levels, orientations, blocks), which are invariant under
+    rotation. `heading`: vertical blocks of full height, which overlap (N, 2 x orientations, columns / spacing): a
+    rotation shifts their last axis.
     """
 
     orientations: int = 16  # m, evenly over 180 degrees
@@ -45,8 +45,8 @@ class Gist:
         """Signatures of panoramas (N, H, W[, 3])."""
         fine = with_rows(channels_of(images, self.color), self.rows)
         parts = []
-        for level, pictures in enumerate((fine, halved(fine))):
-            found = energies(pictures, self.orientations, self.frequency)
+        for level, panoramas in enumerate((fine, halved(fine))):
+            found = energies(panoramas, self.orientations, self.frequency)
             heading = columns_around(found.mean(axis=2), self.width >> level, self.spacing >> level)
             parts.append((block_means(found, self.blocks), heading))
         place = np.stack([place for place, _ in parts], 1)

@@ -1,4 +1,4 @@
-"""Histograms of oriented gradients."""
+"""Histograms of oriented gradients of the panorama."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from omnilab_appearance.common.image_ops import bands, channels_of, columns_arou
 
 @dataclass
 class Hog:
-    """HOG of the panorama: histograms of gradient directions, weighted by their strength (Payá et al., 2016, 3.1.3).
+    """HOG of the panorama: histograms of gradient directions, weighted by their magnitude (Payá et al., 2016, 3.1.3).
 
-    `place`: horizontal cells of full width (N, cells, bins), which do not change as the camera turns. `heading`:
-    vertical cells of full height, which overlap (N, bins, columns / spacing): a turn shifts their last axis. Values
+    `place`: horizontal cells of full width (N, cells, bins), which are invariant under rotation. `heading`:
+    vertical cells of full height, which overlap (N, bins, columns / spacing): a rotation shifts their last axis. Values
     are grey levels per pixel, averaged over the cell; directions count modulo 180 degrees, each to its bin alone.
     """
 
@@ -46,17 +46,17 @@ class Hog:
         return side_by_side(Signatures(cell_means(rows, self.cells), heading), self.color)
 
 
-def gradient_sums(pictures: Floats, bins: int) -> tuple[Floats, Floats]:
-    """Gradient strength by direction: row means (N, H, bins) and column sums (N, bins, W) of pictures (N, H, W).
+def gradient_sums(images: Floats, bins: int) -> tuple[Floats, Floats]:
+    """Gradient magnitude by direction: row means (N, H, bins) and column sums (N, bins, W) of images (N, H, W).
 
-    Gradients are central differences; the last axis wraps around, the first and the last row have no upright part.
+    Gradients are central differences; the last axis wraps around, the first and the last row have no vertical part.
     """
     from omnilab_appearance.common.kernels import gradient_histograms
 
-    if pictures.shape[1] < 3 or pictures.shape[2] < 3:
-        raise DataError(f"pictures of {pictures.shape[1:]} pixels have no gradients; give at least 3 x 3")
-    rows, columns = gradient_histograms(np.ascontiguousarray(pictures, np.float32), bins)
-    return rows / pictures.shape[2], columns
+    if images.shape[1] < 3 or images.shape[2] < 3:
+        raise DataError(f"pictures of {images.shape[1:]} pixels have no gradients; give at least 3 x 3")
+    rows, columns = gradient_histograms(np.ascontiguousarray(images, np.float32), bins)
+    return rows / images.shape[2], columns
 
 
 def cell_means(rows: Floats, cells: int) -> Floats:

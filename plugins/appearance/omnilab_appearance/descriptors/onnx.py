@@ -1,4 +1,4 @@
-"""A learned descriptor: any network in an ONNX file."""
+"""Learned descriptor: a network in an ONNX file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LARGEST_FILE = 2**31  # bytes
 
 
 class Order(Enum):
-    """How a network wants its colours."""
+    """Channel order of a network's input."""
 
     rgb = "rgb"
     bgr = "bgr"
@@ -31,7 +31,7 @@ class Onnx:
 
     Panoramas are resized to `height` x `width`, scaled to [0, 1], normalised by `mean` and `std`, and handed over as
     (1, channels, height, width) float32. The output, of any shape, is the signature. The manifest records the file's
-    SHA-256. Whether turning the camera changes the output is the network's business: `turned` says that it may.
+    SHA-256. Nothing is known of the output under rotation: `rotation` is "none".
     """
 
     model: str = "???"  # the ONNX file
@@ -75,29 +75,29 @@ class Onnx:
         """(N, channels, height, width) float32."""
         import cv2
 
-        pictures = to_color(images) if self.color else images[..., None]
+        views = to_color(images) if self.color else images[..., None]
         if self.order is Order.bgr:
-            pictures = pictures[..., ::-1]
+            views = views[..., ::-1]
         size = (self.width, self.height)
-        small = [cv2.resize(np.ascontiguousarray(p), size, interpolation=cv2.INTER_AREA) for p in pictures]
+        small = [cv2.resize(np.ascontiguousarray(p), size, interpolation=cv2.INTER_AREA) for p in views]
         scaled = np.stack(small).reshape(len(images), self.height, self.width, -1) / np.float32(255)
         normal = (scaled - np.asarray(self.mean, np.float32)) / np.asarray(self.std, np.float32)
         return np.ascontiguousarray(np.moveaxis(normal, -1, 1), np.float32)
 
     def _output(self, inputs: Floats) -> Floats:
         session = self._session
-        asked = session.get_inputs()[0]
-        if len(asked.shape) != 4 or any(
-            isinstance(n, int) and n != m for n, m in zip(asked.shape, inputs.shape, strict=True)
+        expected = session.get_inputs()[0]
+        if len(expected.shape) != 4 or any(
+            isinstance(n, int) and n != m for n, m in zip(expected.shape, inputs.shape, strict=True)
         ):
             raise DataError(
-                f"{self.model} takes an input of {asked.shape}, not {list(inputs.shape)}; set descriptor.height, width and"
+                f"{self.model} takes an input of {expected.shape}, not {list(inputs.shape)}; set descriptor.height, width and"
                 " order as the network wants them"
             )
         names = [output.name for output in session.get_outputs()]
         if self.output is not None and self.output not in names:
             raise DataError(f"{self.model} has no output '{self.output}'; it has {', '.join(names)}")
-        (found,) = session.run([self.output or names[-1]], {asked.name: inputs})
+        (found,) = session.run([self.output or names[-1]], {expected.name: inputs})
         return np.array(found[0], np.float32)
 
     @cached_property

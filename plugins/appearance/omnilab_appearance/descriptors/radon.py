@@ -1,4 +1,4 @@
-"""The Radon transform of the mirror image."""
+"""Radon transform of the mirror image."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from omnilab.api import Bytes, Floats, Signatures
 from omnilab.errors import ConfigError, DataError
 from omnilab_appearance.common.image_ops import channels_of, side_by_side
 
-BLOCK = 32  # images that travel through the kernel side by side: their pixels share a cache line
+BLOCK = 32  # images interleaved in the kernel: their pixels share a cache line
 
 
 @dataclass
@@ -21,7 +21,7 @@ class Radon:
     The image is brought to `offsets` x `offsets` pixels (area average), only its inscribed circle counts, and the
     integrals are sums of bilinear samples one pixel apart, in grey levels times pixels of the original. Signatures are
     (N, offsets, angles); angle m is the direction 2 pi m / angles of the line's normal, counter-clockwise from image
-    right. Turning the camera by alpha shifts the angle axis by alpha * angles / 2 pi (eq. 4.1), exactly so only at
+    right. Rotating the camera by alpha shifts the angle axis by alpha * angles / 2 pi (eq. 4.1), exactly so only at
     whole samples. Since R(d, phi + pi) = R(-d, phi), an even number of angles costs half as many directions.
     """
 
@@ -41,10 +41,10 @@ class Radon:
 
     def describe(self, images: Bytes) -> Signatures:
         """Radon transforms (N, offsets, angles) float32 of square mirror images (N, S, S[, 3])."""
-        pictures = channels_of(images, self.color)
-        if pictures.shape[1] != pictures.shape[2]:
+        channels = channels_of(images, self.color)
+        if channels.shape[1] != channels.shape[2]:
             raise DataError(f"images of shape {images.shape} are not square; give (N, S, S), or (N, S, S, 3) in colour")
-        blocks = [self._describe(pictures[i : i + BLOCK]) for i in range(0, len(pictures), BLOCK)]
+        blocks = [self._describe(channels[i : i + BLOCK]) for i in range(0, len(channels), BLOCK)]
         place = np.concatenate(blocks) if blocks else np.empty((0, self.offsets, self.angles), np.float32)
         return side_by_side(Signatures(place), self.color)
 

@@ -20,7 +20,7 @@ class RadonGist:
     """Gist of the Radon transform: means of Gabor responses in bands of offsets (Berenguer, thesis, 4.2.2).
 
     A pyramid of `levels` Radon transforms, `orientations` filters on each, and the mean of each response in `blocks`
-    bands of offsets over all angles: (N, levels, orientations, blocks) numbers that do not change as the camera turns.
+    bands of offsets over all angles: (N, levels, orientations, blocks), invariant under rotation.
     """
 
     blocks: int = 16  # b, bands of offsets
@@ -47,9 +47,9 @@ class RadonGist:
 
     def describe(self, images: Bytes) -> Signatures:
         """Signatures of square mirror images (N, S, S[, 3])."""
-        pictures = Radon(self.offsets, self.angles).describe(channels_of(images, self.color)).place / images.shape[1]
+        transforms = Radon(self.offsets, self.angles).describe(channels_of(images, self.color)).place / images.shape[1]
         parts = []
         for level in range(self.levels):
-            pictures = halved(pictures) if level else pictures
-            parts.append(block_means(energies(pictures, self.orientations, self.frequency), self.blocks))
+            transforms = halved(transforms) if level else transforms
+            parts.append(block_means(energies(transforms, self.orientations, self.frequency), self.blocks))
         return side_by_side(Signatures(np.stack(parts, 1)), self.color)

@@ -16,8 +16,8 @@ from omnilab_appearance.descriptors.radon import Radon
 class RadonHog:
     """HOG of the Radon transform, in bands of offsets over all angles (Berenguer, thesis, 6.2).
 
-    Histograms of gradient directions, weighted by their strength: (N, cells, bins) numbers that do not change as the
-    camera turns. The thesis finds loop closures with them.
+    Histograms of gradient directions, weighted by their magnitude: (N, cells, bins) numbers, invariant under
+    rotation. The thesis finds loop closures with them.
     """
 
     cells: int = 16  # bands of offsets

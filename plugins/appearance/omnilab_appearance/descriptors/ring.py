@@ -1,4 +1,4 @@
-"""RING: the Radon transform's spectrum along the offsets."""
+"""RING: spectrum of the Radon transform along the offsets."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from omnilab_appearance.descriptors.radon import Radon
 class Ring:
     """Magnitudes of the Radon transform's spectrum along the offsets (after Lu et al., RING, 2022).
 
-    A motion of what the image shows moves the lines along the offsets, and the magnitudes forget it; a turn of the
-    camera shifts the angles. `place` is (N, frequencies, angles). Angles half a turn apart have one spectrum, so it knows
-    a rotation but for half a turn; `heading`, the transform itself in coarse bands (N, bands, angles), knows it whole.
+    A translation of the image's content shifts lines along the offsets, which the magnitudes are invariant to; a rotation
+    of the camera shifts the angles. `place` is (N, frequencies, angles). Angles 180 degrees apart have one spectrum, so it
+    is ambiguous by 180 degrees; `heading`, the transform itself in coarse bands (N, bands, angles), is not.
     """
 
     frequencies: int = 40  # along the offsets, the mean left out
     offsets: int = 173  # of the Radon transform
     angles: int = 180  # of the Radon transform
-    bands: int = 16  # of offsets, that tell the heading
+    bands: int = 16  # of offsets, of the heading part
     color: bool = False  # each channel of RGB for itself
 
     view: ClassVar[str] = "mirror"

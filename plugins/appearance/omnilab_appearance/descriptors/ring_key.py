@@ -1,4 +1,4 @@
-"""What is around the robot, ring by ring."""
+"""Ring key of the panorama."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class RingKey:
     """The magnitudes of a few frequencies of each ring around the robot (after Kim & Kim, Scan Context, 2018).
 
     With one frequency these are the rings' means, the ring key; with more, the magnitude of the polar FFT. Signatures
-    are (N, rings, frequencies) and do not change as the camera turns.
+    are (N, rings, frequencies), invariant under rotation.
     """
 
     rings: int = 32  # rows of the panorama

@@ -1,4 +1,4 @@
-"""Rotational PCA: the eigenspace of spinning images."""
+"""Rotational PCA: the eigenspace of rotated panoramas."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ import numpy.typing as npt
 
 from omnilab.api import Bytes, Floats, Ints, Signatures
 from omnilab.errors import ConfigError, DataError
+from omnilab_appearance.common.circular_correlation import Spectra
 from omnilab_appearance.common.image_ops import channels_of, with_rows
 
-Spectra = npt.NDArray[np.complexfloating[Any, Any]]
 LARGEST_FILE = 2**31  # bytes
-LEARNT = ("mean", "vectors", "frequencies", "singular")
-SETTINGS = ("rotations", "rows", "color")  # that what was learnt depends on
+TRAINED = ("mean", "vectors", "frequencies", "singular")
+SETTINGS = ("rotations", "rows", "color")  # that the trained arrays depend on
 
 
 @dataclass
@@ -26,9 +26,9 @@ class RotationalPca:
     """PCA of all panoramas of the map and all their rotations (Jogan & Leonardis, 2003; Payá et al., 2016, 3.1.2).
 
     The inner products of N_R rotated copies of each panorama form a block-circulant matrix: a DFT over the rotations
-    splits the problem into one small PCA for each frequency of rotation. A turn by whole steps of 360 / N_R degrees
-    multiplies a projection by a phase: `place` holds the projections' moduli (N, components), `heading` the signals with
-    these phases (N, rows, N_R), which a turn shifts. It must be fitted on the map's panoramas before it describes.
+    splits the problem into one small PCA for each frequency of rotation. A rotation by whole steps of 360 / N_R
+    degrees multiplies a projection by a phase: `place` holds the projections' moduli (N, components), `heading` the signals with
+    these phases (N, rows, N_R), which a rotation shifts. It must be fitted on the map's panoramas before it describes.
     """
 
     components: int = 50  # k3, eigenvectors with the largest eigenvalues
@@ -68,7 +68,7 @@ class RotationalPca:
         return Eigenspace.of(state, self, "the map")
 
     def state(self) -> Mapping[str, npt.NDArray[Any]]:
-        """Of the eigenspace of `basis`."""
+        """The state of the eigenspace of `basis`."""
         return self._loaded.state()
 
     def describe(self, images: Bytes) -> Signatures:
@@ -84,20 +84,20 @@ class RotationalPca:
         return Eigenspace.load(Path(str(self.basis)), self)
 
     def _spectra(self, images: Bytes) -> Spectra:
-        """The panoramas' parts (N, D, N_R) that a rotation by one step turns by the same phase each."""
+        """The panoramas' parts (N, D, N_R), each multiplied by one phase under a rotation by one step."""
         from scipy import fft
 
-        pictures = with_rows(channels_of(images, self.color), self.rows)
-        columns = pictures.shape[2]
+        panoramas = with_rows(channels_of(images, self.color), self.rows)
+        columns = panoramas.shape[2]
         if columns % self.rotations:
             raise DataError(f"{self.rotations} rotations do not divide panoramas of {columns} columns; give a divisor")
-        spectra = fft.fft(pictures, norm="ortho").reshape(len(images), -1, self.rotations)
+        spectra = fft.fft(panoramas, norm="ortho").reshape(len(images), -1, self.rotations)
         return np.asarray(spectra, np.complex64)
 
 
 @dataclass
 class Eigenspace:
-    """What rotational PCA has learnt from a map: it describes panoramas as `RotationalPca` says."""
+    """A trained rotational PCA, which describes panoramas as `RotationalPca` says."""
 
     settings: RotationalPca
     mean: Spectra  # (D,) of the frequency 0
@@ -139,15 +139,15 @@ class Eigenspace:
         return np.array([np.sum(self.frequencies[:i] == f) for i, f in enumerate(self.frequencies)])
 
     def state(self) -> Mapping[str, npt.NDArray[Any]]:
-        """All that was learnt, and the settings it depends on."""
-        arrays = {name: getattr(self, name) for name in LEARNT}
+        """The trained arrays, and the settings they depend on."""
+        arrays = {name: getattr(self, name) for name in TRAINED}
         return arrays | {name: np.array(getattr(self.settings, name)) for name in SETTINGS}
 
     @classmethod
     def of(cls, state: Mapping[str, npt.NDArray[Any]], settings: RotationalPca, origin: str) -> Eigenspace:
         """The eigenspace whose state it was; DataError, naming the origin, unless it was fitted with such settings."""
         try:
-            found = {name: state[name] for name in LEARNT}
+            found = {name: state[name] for name in TRAINED}
             fitted = {name: state[name].item() for name in SETTINGS}
         except (KeyError, ValueError) as error:
             raise DataError(f"{origin} holds no eigenspace ({error}); write one with Eigenspace.save") from None

@@ -15,13 +15,13 @@ from omnilab_appearance.common.local_features import packed
 
 @dataclass
 class Sift:
-    """SIFT features of the mirror image (Lowe, 2004; in Berenguer's thesis, 4.6.5, the rival of the Radon transform).
+    """SIFT features of the mirror image (Lowe, 2004; the baseline of the Radon transform in Berenguer's thesis, 4.6.5).
 
     The strongest `features` of each image: (N, features, 3 + 128), as `omnilab_appearance.common.local_features` lays them out.
     """
 
     features: int = 300  # at most so many of each image
-    contrast: float = 0.04  # what is fainter is no feature
+    contrast: float = 0.04  # detection threshold
 
     view: ClassVar[str] = "mirror"
     color: ClassVar[bool] = False
@@ -46,11 +46,11 @@ class Sift:
             order = np.argsort([-point.response for point in points], kind="stable")
             return np.array([point.pt for point in points])[order], vectors[order]
 
-        pictures = channels_of(images, self.color)
-        return packed([features_of(image) for image in pictures], self.features, 128, pictures.shape[1:3])
+        views = channels_of(images, self.color)
+        return packed([features_of(image) for image in views], self.features, 128, views.shape[1:3])
 
 
 def check_count(features: int) -> None:
-    """ConfigError unless there is room for a feature."""
+    """ConfigError for a number of features below 1."""
     if features < 1:
         raise ConfigError(f"features={features} describe nothing; give 1 or more")

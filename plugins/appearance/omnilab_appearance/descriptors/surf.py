@@ -23,7 +23,7 @@ class Surf:
     """
 
     features: int = 300  # at most so many of each image
-    threshold: float = 0.1  # what is fainter is no feature
+    threshold: float = 0.1  # detection threshold
 
     view: ClassVar[str] = "mirror"
     color: ClassVar[bool] = False
@@ -44,5 +44,5 @@ class Surf:
             found = found[np.argsort(-found[:, 3], kind="stable")]  # y, x, scale, score, laplacian, angle, vector
             return found[:, 1::-1], found[:, 6:]
 
-        pictures = channels_of(images, self.color)
-        return packed([features_of(image) for image in pictures], self.features, 64, pictures.shape[1:3])
+        views = channels_of(images, self.color)
+        return packed([features_of(image) for image in views], self.features, 64, views.shape[1:3])

@@ -1,4 +1,4 @@
-"""The panorama as a tiny image."""
+"""Tiny image of the panorama."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from omnilab_appearance.common.image_ops import channels_of, side_by_side
 
 @dataclass
 class TinyImage:
-    """The panorama averaged down to some pixels (Torralba et al., 2008): the cheapest rival there is.
+    """The panorama averaged down to some pixels (Torralba et al., 2008): the cheapest baseline.
 
-    Signatures are (N, rows, columns), and a turn of the camera shifts the columns.
+    Signatures are (N, rows, columns), and a rotation of the camera shifts the columns.
     """
 
     rows: int = 16  # of the tiny image
@@ -35,12 +35,12 @@ class TinyImage:
         """Tiny images (N, rows, columns) of panoramas (N, H, W[, 3])."""
         import cv2
 
-        pictures = channels_of(images, self.color)
-        if self.rows > pictures.shape[1] or self.columns > pictures.shape[2]:
+        panoramas = channels_of(images, self.color)
+        if self.rows > panoramas.shape[1] or self.columns > panoramas.shape[2]:
             raise DataError(
-                f"panoramas of {pictures.shape[1]} x {pictures.shape[2]} are smaller than {self.rows} x {self.columns};"
+                f"panoramas of {panoramas.shape[1]} x {panoramas.shape[2]} are smaller than {self.rows} x {self.columns};"
                 " give fewer rows and columns"
             )
         size = (self.columns, self.rows)
-        tiny = [cv2.resize(picture.astype(np.float32), size, interpolation=cv2.INTER_AREA) for picture in pictures]
+        tiny = [cv2.resize(panorama.astype(np.float32), size, interpolation=cv2.INTER_AREA) for panorama in panoramas]
         return side_by_side(Signatures(np.stack(tiny)), self.color)

@@ -1,1 +1,14 @@
-"""Distances."""
+"""Distances between signatures."""
+
+from omnilab_appearance.distances.cosine import Cosine as Cosine
+from omnilab_appearance.distances.euclidean import Euclidean as Euclidean
+from omnilab_appearance.distances.features import Features as Features
+from omnilab_appearance.distances.features import FeaturesTurned as FeaturesTurned
+from omnilab_appearance.distances.log_distance import Log as Log
+from omnilab_appearance.distances.pearson import Pearson as Pearson
+from omnilab_appearance.distances.poc import Poc as Poc
+from omnilab_appearance.distances.poc_band import PocBand as PocBand
+from omnilab_appearance.distances.poc_squared import PocSquared as PocSquared
+from omnilab_appearance.distances.root import Root as Root
+from omnilab_appearance.distances.weighted import Cityblock as Cityblock
+from omnilab_appearance.distances.weighted import Weighted as Weighted

@@ -1,11 +1,12 @@
-"""One minus the cosine."""
+"""Cosine distance."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from omnilab.api import Floats
-from omnilab_appearance.common.vectors import VectorDistance, unit
+from omnilab_appearance.common.vectors import unit
+from omnilab_appearance.distances.vector_distance import VectorDistance
 
 
 @dataclass
@@ -15,7 +16,7 @@ class Cosine(VectorDistance):
     A signature of zeros is at distance 1 from all. The rotation comes from the headings, where there are any.
     """
 
-    def _learn(self, places: Floats) -> Floats:
+    def _fit(self, places: Floats) -> Floats:
         return unit(places)
 
     def _distances(self, queries: Floats, places: Floats) -> Floats:

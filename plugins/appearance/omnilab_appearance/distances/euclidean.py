@@ -1,4 +1,4 @@
-"""The Euclidean distance."""
+"""Euclidean distance."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from omnilab.api import Floats
-from omnilab_appearance.common.vectors import VectorDistance
+from omnilab_appearance.distances.vector_distance import VectorDistance
 
 
 @dataclass
@@ -18,7 +18,7 @@ class Euclidean(VectorDistance):
     a thousandth of the signatures' spread are rounding. The rotation comes from the headings, where there are any.
     """
 
-    def _learn(self, places: Floats) -> tuple[Floats, Floats, Floats]:
+    def _fit(self, places: Floats) -> tuple[Floats, Floats, Floats]:
         """The mean place, the places less that mean (P, D), and their squared lengths (P,)."""
         mean = places.mean(axis=0)
         centred = places - mean

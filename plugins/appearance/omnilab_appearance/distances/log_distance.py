@@ -1,4 +1,4 @@
-"""The log distance."""
+"""Log distance."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from omnilab.api import Floats
-from omnilab_appearance.common.vectors import VectorDistance
+from omnilab_appearance.distances.vector_distance import VectorDistance
 
 FARTHEST = 1 - 1e-6  # where differences as large as the map's range would make the distance infinite
 
@@ -16,11 +16,11 @@ FARTHEST = 1 - 1e-6  # where differences as large as the map's range would make 
 class Log(VectorDistance):
     """-log10(1 - mean_i |r_i - s_i| / range_i), range_i over the whole map (Payá et al., 2016, eq. 12).
 
-    Components that are the same all over the map say nothing and are left out. A query far outside of the map's range
+    Components that are constant over the map are left out. A query far outside of the map's range
     is at distance 6. The rotation comes from the headings, where there are any.
     """
 
-    def _learn(self, places: Floats) -> tuple[Floats, Floats]:
+    def _fit(self, places: Floats) -> tuple[Floats, Floats]:
         """The places and the weight (D,) of each component."""
         span = np.ptp(places, axis=0)
         varies = span > 0

@@ -1,11 +1,12 @@
-"""One minus the correlation coefficient."""
+"""Correlation distance."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from omnilab.api import Floats
-from omnilab_appearance.common.vectors import VectorDistance, unit
+from omnilab_appearance.common.vectors import unit
+from omnilab_appearance.distances.vector_distance import VectorDistance
 
 
 @dataclass
@@ -16,7 +17,7 @@ class Pearson(VectorDistance):
     the headings, where there are any.
     """
 
-    def _learn(self, places: Floats) -> Floats:
+    def _fit(self, places: Floats) -> Floats:
         return unit(places - places.mean(axis=1, keepdims=True))
 
     def _distances(self, queries: Floats, places: Floats) -> Floats:

@@ -1,20 +1,17 @@
-"""Phase-only correlation of whole signatures, as printed."""
+"""Phase-only correlation distance, as printed."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from omnilab.api import Floats, Match, Signatures
 from omnilab.errors import DataError
 from omnilab.geometry import wrap_angle
-from omnilab_appearance.common.circular_correlation import Headings, headings_of, rotations
+from omnilab_appearance.common.circular_correlation import Headings, Spectra, headings_of, rotations
 
-Spectra = npt.NDArray[np.complexfloating[Any, Any]]
 PocIndex = tuple[Spectra, tuple[int, int], Headings | None]
 CHUNK = 64  # matrices transformed at once: what fits the cache
 
@@ -23,7 +20,7 @@ CHUNK = 64  # matrices transformed at once: what fits the cache
 class Poc:
     """Phase-only correlation over all shifts, 1 - max C (Berenguer, thesis, eq. 2.12-2.14, 4.2).
 
-    Signatures are matrices whose last axis shifts as the camera turns. The peak's shift along that axis, refined
+    Signatures are matrices whose last axis shifts as the camera rotates. The peak's shift along that axis, refined
     between samples (Foroosh et al., 2002), gives the rotation; the shift along the other axis is free.
     """
 
@@ -32,7 +29,7 @@ class Poc:
         return in_chunks(unit_phase, matrices_of(places)), places.place.shape[1:], headings_of(places)
 
     def match(self, queries: Signatures, index: PocIndex) -> Match:
-        """Distances and rotations (Q, P); signatures with a heading part are rotated as that says."""
+        """Distances and rotations (Q, P); rotations are those of the heading parts where there are any."""
         spectra, shape, headings = index
         distance = np.empty((len(queries), len(spectra)), np.float32)
         rotation = np.empty_like(distance)
@@ -42,12 +39,12 @@ class Poc:
                 peak, shift = highest(correlate(query, spectra[chunk], shape))
                 distance[q, chunk] = 1 - peak
                 rotation[q, chunk] = 2 * np.pi / shape[1] * shift
-        told = rotations(queries, headings)
-        return Match(distance, wrap_angle(rotation) if told is None else told)
+        of_headings = rotations(queries, headings)
+        return Match(distance, wrap_angle(rotation) if of_headings is None else of_headings)
 
 
 def matrices_of(signatures: Signatures) -> Floats:
-    """The signatures as matrices (N, rows, columns); DataError if they are none."""
+    """The signatures as matrices (N, rows, columns); DataError for signatures of another shape."""
     if signatures.place.ndim != 3:
         raise DataError(
             f"signatures of shape {signatures.place.shape[1:]} have no two axes to correlate; choose distance=euclidean"
@@ -68,7 +65,7 @@ def unit_phase(matrices: Floats) -> Spectra:
 
 
 def in_chunks(transform: Callable[[Floats], Spectra], matrices: Floats) -> Spectra:
-    """`transform` of all matrices, a few at a time, so that only its result takes memory."""
+    """`transform` of all matrices, in chunks of bounded memory."""
     first = transform(matrices[:CHUNK])
     result = np.empty((len(matrices), *first.shape[1:]), first.dtype)
     result[:CHUNK] = first
@@ -95,10 +92,10 @@ def highest(surfaces: Floats) -> tuple[Floats, Floats]:
 
 
 def between(before: Floats, peak: Floats, after: Floats) -> Floats:
-    """Where between -0.5 and 0.5 a phase correlation peaks, the middle of three samples being the highest.
+    """The peak of a phase correlation, in [-0.5, 0.5] from the highest of three samples, the middle one.
 
-    The correlation of two shifted copies is a sinc, of which the two highest samples tell the place (Foroosh, Zerubia
-    and Berthod, 2002); a parabola would pull it to the middle by up to 0.2 samples.
+    The correlation of two shifted copies is a sinc, whose position follows from its two highest samples (Foroosh,
+    Zerubia and Berthod, 2002); a parabola would pull it to the middle by up to 0.2 samples.
     """
     higher = np.maximum(np.maximum(before, after), 0)
     share = np.divide(higher, higher + peak, out=np.zeros_like(peak), where=higher + peak > 0)

@@ -1,20 +1,17 @@
-"""Phase-only correlation of a low band, over rotations only."""
+"""Low-pass phase-only correlation distance, over rotations only."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from omnilab.api import Floats, Match, Signatures
 from omnilab.errors import ConfigError
 from omnilab.geometry import wrap_angle
-from omnilab_appearance.common.circular_correlation import Headings, best_turns, headings_of, rotations
+from omnilab_appearance.common.circular_correlation import Headings, Spectra, best_rotations, headings_of, rotations
 from omnilab_appearance.distances.poc import in_chunks, matrices_of, unit_phase
 
-Spectra = npt.NDArray[np.complexfloating[Any, Any]]
 CUT = 2.5  # standard deviations at which the band ends
 
 
@@ -43,11 +40,11 @@ class PocBand:
         return np.ascontiguousarray(band.transpose(2, 1, 0)), places.place.shape[2], headings_of(places)
 
     def match(self, queries: Signatures, index: tuple[Spectra, int, Headings | None]) -> Match:
-        """Distances and rotations (Q, P); signatures with a heading part are rotated as that says."""
+        """Distances and rotations (Q, P); rotations are those of the heading parts where there are any."""
         places, angles, headings = index
-        agreement, shift = best_turns(self._band(matrices_of(queries)), places, angles)
-        told = rotations(queries, headings)
-        return Match(1 - agreement, wrap_angle(shift) if told is None else told)
+        agreement, shift = best_rotations(self._band(matrices_of(queries)), places, angles)
+        of_headings = rotations(queries, headings)
+        return Match(1 - agreement, wrap_angle(shift) if of_headings is None else of_headings)
 
     def _band(self, matrices: Floats) -> Spectra:
         """Unit-phase spectra (N, offset frequencies, angle frequencies), each times the root of its weight."""

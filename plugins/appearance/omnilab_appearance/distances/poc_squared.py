@@ -1,4 +1,4 @@
-"""The square of the phase-only correlation's distance."""
+"""Squared phase-only correlation distance."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ from omnilab_appearance.distances.poc import Poc, PocIndex
 class PocSquared(Poc):
     """Phase-only correlation, squared: (1 - max C)^2 (Berenguer, thesis, eq. 4.4).
 
-    The order of the places is that of `poc`, and so are the rotations; the distance grows more evenly with the metres
-    (figure 4.5).
+    The order of the places is that of `poc`, and so are the rotations; the distance is more linear in metres (figure 4.5).
     """
 
     def match(self, queries: Signatures, index: PocIndex) -> Match:

@@ -1,4 +1,4 @@
-"""The root distance."""
+"""Root distance."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from omnilab.api import Floats
-from omnilab_appearance.common.vectors import VectorDistance
+from omnilab_appearance.distances.vector_distance import VectorDistance
 
 
 @dataclass

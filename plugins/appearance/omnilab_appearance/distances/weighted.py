@@ -1,4 +1,4 @@
-"""The weighted metric and its special case, the city block distance."""
+"""Weighted metric and city block distance."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from omnilab.api import Floats
 from omnilab.errors import ConfigError
-from omnilab_appearance.common.vectors import VectorDistance
+from omnilab_appearance.distances.vector_distance import VectorDistance
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""Images out of focus."""
+"""Gaussian blur."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Light of another colour, or another camera's white balance."""
+"""Colour shift: another white balance, or light of another colour."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The same place in another light."""
+"""Change of illumination: gain and gamma."""
 
 from __future__ import annotations
 

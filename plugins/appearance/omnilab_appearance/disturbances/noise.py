@@ -1,4 +1,4 @@
-"""Additive noise, of every pixel and channel on its own, rounded and clipped to [0, 255]."""
+"""Additive noise, independent for every pixel and channel, rounded and clipped to [0, 255]."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from omnilab.errors import ConfigError
 
 
 class _Noise(ABC):
-    def apply(self, images: Bytes, camera: Camera, rngs: Sequence[np.random.Generator]) -> Bytes:  # noqa: ARG002  noise knows no directions
+    def apply(self, images: Bytes, camera: Camera, rngs: Sequence[np.random.Generator]) -> Bytes:  # noqa: ARG002
         """The images plus noise."""
         noisy = images.copy()
         for image, rng in zip(noisy, rngs, strict=True):

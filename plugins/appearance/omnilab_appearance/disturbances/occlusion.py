@@ -1,4 +1,4 @@
-"""Parts of the image hidden behind rectangles."""
+"""Occlusion by rectangles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A camera that leans."""
+"""Tilt of the camera."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ NOWHERE = -1e4  # pixel coordinate of what the image does not show
 
 @dataclass
 class Tilt:
-    """The view of a camera turned by an angle about a horizontal axis through its viewpoint, right-handed.
+    """The view of a camera rotated by an angle about a horizontal axis through its viewpoint, right-handed.
 
-    Exact but for interpolation, as turning about the viewpoint makes no parallax: `T_world_camera` becomes
+    Exact but for interpolation, as a rotation about the viewpoint makes no parallax: `T_world_camera` becomes
     `T_world_camera` times the rotation (the poses that a study scores with stay those of the upright camera). What
-    the upright image does not show is black. Only for cameras that know where their pixels look.
+    the upright image does not show is black. Only for calibrated cameras.
     """
 
     angle_deg: float = 5.0  # of the lean

@@ -1,1 +1,8 @@
 """Localizers."""
+
+from omnilab_appearance.localizers.bayes_filter import BayesFilter as BayesFilter
+from omnilab_appearance.localizers.hierarchical import Hierarchical as Hierarchical
+from omnilab_appearance.localizers.interpolated import Interpolated as Interpolated
+from omnilab_appearance.localizers.nearest import Nearest as Nearest
+from omnilab_appearance.localizers.smacof import Smacof as Smacof
+from omnilab_appearance.localizers.spring import Spring as Spring

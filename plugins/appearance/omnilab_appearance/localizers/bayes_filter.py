@@ -1,4 +1,4 @@
-"""Localisation of a sequence: what was seen before counts."""
+"""Localisation of a sequence by a discrete Bayes filter."""
 
 from __future__ import annotations
 
@@ -13,35 +13,35 @@ from omnilab.geometry import heading_of, wrap_angle
 from omnilab.metrics import spacing
 from omnilab_appearance.localizers.nearest import Nearest
 
-LEAST = 1e-6  # places less likely than this part of the likeliest are not carried on
+LEAST = 1e-6  # share of the largest belief below which places are not predicted from
 FLOOR = 1e-30
 
 
 @dataclass
-class Following:
-    """The map, and how likely each of its places is after the last query."""
+class BayesFilterIndex:
+    """The map, and the belief after the last query."""
 
     places: Places
     distance: Distance
     prepared: Any
     motion_m: float
     belief: Floats | None = None  # (P,), its sum is 1; None before the first query
-    heading_rad: Floats | None = None  # (P,) of the camera at the last query, had it been at each of the places
+    heading_rad: Floats | None = None  # (P,) of the camera at the last query, conditional on each place
 
 
 @dataclass
-class Filter:
+class BayesFilter:
     """A discrete Bayes filter over the places (Thrun, Burgard and Fox, 2005, table 4.1): queries are one sequence, in order.
 
-    Between two queries the camera moves by about `motion_m` any way or, where odometry tells the motion, by that, blurred
-    as much: a map of places cannot hold less than its step. A part `lost` of the belief starts anew everywhere. A place at distance d is then weighed by
-    exp(-certainty (d - min) / (median - min)), so that no distance needs a scale of its own. The answer is the likeliest
-    place; distances to all places are -log of the belief.
+    Between two queries the camera moves by a normal distribution of standard deviation `motion_m`, about the motion of
+    the odometry where there is one; the map's step bounds its resolution. A share `lost` of the belief is spread evenly.
+    The likelihood of a place at distance d is exp(-certainty (d - min) / (median - min)), which is free of the distance's
+    scale. The answer is the place of the largest belief; the distances are -log of the belief.
     """
 
     motion_m: float | None = None  # standard deviation along each axis, from a query to the next; null: the map's step
-    certainty: float = 12.0  # how much likelier the most alike place is than a middling one, as a logarithm
-    lost: float = 0.01  # share of the belief that may be anywhere
+    certainty: float = 12.0  # log likelihood ratio of the most alike place to one at the median distance
+    lost: float = 0.01  # share of the belief that is spread evenly
 
     def __post_init__(self) -> None:
         if not ((self.motion_m is None or self.motion_m > 0) and self.certainty > 0 and 0 < self.lost < 1):
@@ -50,27 +50,27 @@ class Filter:
                 " numbers above 0, and lost below 1"
             )
 
-    def prepare(self, places: Places, distance: Distance) -> Following:
+    def prepare(self, places: Places, distance: Distance) -> BayesFilterIndex:
         """The map, before the first query."""
         _, _, prepared = Nearest().prepare(places, distance)
         assert places.T_world_camera is not None
         motion_m = spacing(places.T_world_camera[:, :3, 3]) if self.motion_m is None else self.motion_m
         if not motion_m > 0:
             raise DataError(f"the map's {len(places)} places have no step; give localizer.motion_m in metres")
-        return Following(places, distance, prepared, motion_m)
+        return BayesFilterIndex(places, distance, prepared, motion_m)
 
-    def locate(self, queries: Signatures, index: Following) -> Estimates:
-        """Each query after the one before, the motion unknown."""
+    def locate(self, queries: Signatures, index: BayesFilterIndex) -> Estimates:
+        """As `track`, with unknown motion."""
         return self.track(queries, index, np.full((len(queries), 3), np.nan))
 
-    def track(self, queries: Signatures, index: Following, motion: Floats) -> Estimates:
-        """Each query after the one before; motion (Q, 3) forward, left, counter-clockwise up to each, NaN if not known."""
+    def track(self, queries: Signatures, index: BayesFilterIndex, motion: Floats) -> Estimates:
+        """Filter queries in order; motion (Q, 3) forward, left, counter-clockwise up to each, NaN where unknown."""
         assert index.places.T_world_camera is not None
         match = index.distance.match(queries, index.prepared)
         place_heading = heading_of(index.places.T_world_camera)
         beliefs = np.empty(match.distance.shape)
         for q, distance in enumerate(match.distance):
-            belief = self._predicted(index, motion[q]) * self._likelihood(distance)
+            belief = self._predict(index, motion[q]) * self._likelihood(distance)
             beliefs[q] = index.belief = belief / belief.sum()
             if match.rotation_rad is not None:
                 index.heading_rad = place_heading + match.rotation_rad[q]
@@ -82,8 +82,8 @@ class Filter:
         position = index.places.T_world_camera[best, :3, 3]
         return Estimates(best, field[every, best], position, heading, field)
 
-    def _predicted(self, index: Following, motion: Floats) -> Floats:
-        """Where the camera may be after the motion: the belief, moved and blurred."""
+    def _predict(self, index: BayesFilterIndex, motion: Floats) -> Floats:
+        """Prediction: the belief (P,), moved and convolved with a Gaussian."""
         from scipy.spatial.distance import cdist
 
         assert index.places.T_world_camera is not None
@@ -101,7 +101,7 @@ class Filter:
         return np.asarray((1 - self.lost) * (index.belief[likely] @ reach) + self.lost / len(position))
 
     def _likelihood(self, distance: Floats) -> Floats:
-        """Of the places (P,), up to a factor; all alike where all distances are."""
+        """The likelihood of places (P,), up to a factor; uniform where all distances are equal."""
         above = distance - distance.min()
         middling = np.median(above)
         return np.exp(-self.certainty * above / middling) if middling > 0 else np.where(above > 0, 0.0, 1.0) + FLOOR

@@ -1,4 +1,4 @@
-"""Representatives first, then the places that they stand for."""
+"""Hierarchical localisation: representatives first, then the clusters of the best."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, wrap_angle
 from omnilab_appearance.localizers.nearest import check_map
 
-BLOCK = 256  # places compared with all representatives at once
-SAME = 1e-2  # distances between the same two signatures agree to this share of the largest
+BLOCK = 256  # places assigned at once
+SAME = 1e-2  # tolerance of distances between the same two signatures, as a share of the largest
 
 
-class Index(NamedTuple):
-    """A map, ready to be searched."""
+class ClusterIndex(NamedTuple):
+    """A map in clusters, prepared for search."""
 
     places: Places
     distance: Distance
-    head: Any  # the representatives, ready to be compared with
+    head: Any  # the prepared representatives
     members: Sequence[Ints]  # of each cluster, its places in ascending order
-    prepared: Sequence[Any]  # each cluster, ready to be compared with
+    prepared: Sequence[Any]  # the prepared clusters
 
 
 @dataclass
 class Hierarchical:
-    """The most alike place of the `probes` clusters whose representatives are most alike: time grows like the root of the map.
+    """The most alike place of the `probes` clusters with the most alike representatives, in O(sqrt(P)) for P places.
 
-    Representatives are places drawn at random; every place belongs to the one that is most alike to it by the run's own
-    distance (the inverted lists of Sivic and Zisserman, 2003, with images as words). A query is compared with all
+    Representatives are places drawn at random; every place is assigned to the most alike one by the run's own distance
+    (the inverted lists of Sivic and Zisserman, 2003, with images as words). A query is compared with all
     representatives, then with the places of the best clusters, and never with the rest: no distance field comes back.
     With 2 sqrt(P) clusters both comparisons are about as large. Where image distances saturate (`poc_band` beyond some
     0.3 m of a room), representatives must lie closer than that: give more `clusters`.
@@ -50,8 +50,8 @@ class Hierarchical:
         if self.probes < 1:
             raise ConfigError(f"localizer.probes={self.probes} searches nothing; give 1 cluster or more")
 
-    def prepare(self, places: Places, distance: Distance) -> Index:
-        """Draw representatives, assign every place to one, make every cluster ready."""
+    def prepare(self, places: Places, distance: Distance) -> ClusterIndex:
+        """Draw representatives, assign every place to one, prepare every cluster."""
         check_map(places, "hierarchical")
         signatures = _bare(places.signatures)
         chosen = self._representatives(len(places))
@@ -62,12 +62,12 @@ class Hierarchical:
         owner[chosen] = np.arange(len(chosen))
         sizes = np.bincount(owner, minlength=len(chosen))
         members = np.split(np.argsort(owner, kind="stable"), np.cumsum(sizes)[:-1])
-        index = Index(places, distance, head, members, [distance.prepare(signatures[own]) for own in members])
+        index = ClusterIndex(places, distance, head, members, [distance.prepare(signatures[own]) for own in members])
         _check_scale(index, chosen)
         return index
 
     def _representatives(self, count: int) -> Ints:
-        """Which of `count` places stand for a cluster, in ascending order."""
+        """Indices of the places, of `count`, that represent a cluster, ascending."""
         clusters = round(2 * count**0.5) if self.clusters is None else self.clusters
         if self.clusters is not None and clusters > count:
             raise DataError(
@@ -75,27 +75,27 @@ class Hierarchical:
             )
         return np.sort(np.random.default_rng(self.seed).choice(count, min(clusters, count), replace=False))
 
-    def locate(self, queries: Signatures, index: Index) -> Estimates:
-        """Compare with the representatives, then with the places of the most alike ones."""
+    def locate(self, queries: Signatures, index: ClusterIndex) -> Estimates:
+        """Compare with the representatives, then with the clusters of the most alike ones."""
         bare = _bare(queries)
         probed = np.argsort(index.distance.match(bare, index.head).distance, axis=1, kind="stable")[:, : self.probes]
         place = np.zeros(len(queries), int)
         distance = np.full(len(queries), np.inf, np.float32)
         for cluster in np.unique(probed):
-            asking = np.flatnonzero((probed == cluster).any(axis=1))
-            found = index.distance.match(bare[asking], index.prepared[cluster]).distance
+            chosen = np.flatnonzero((probed == cluster).any(axis=1))
+            found = index.distance.match(bare[chosen], index.prepared[cluster]).distance
             best = found.argmin(axis=1)
-            nearest = found[np.arange(len(asking)), best]
-            closer = nearest < distance[asking]
-            place[asking[closer]] = index.members[cluster][best[closer]]
-            distance[asking[closer]] = nearest[closer]
+            nearest = found[np.arange(len(chosen)), best]
+            closer = nearest < distance[chosen]
+            place[chosen[closer]] = index.members[cluster][best[closer]]
+            distance[chosen[closer]] = nearest[closer]
         assert index.places.T_world_camera is not None
         poses = index.places.T_world_camera[place]
         return Estimates(place, distance, poses[:, :3, 3], _headings(queries, place, index))
 
 
 def _bare(signatures: Signatures) -> Signatures:
-    """What tells places apart; headings are compared with the answered place alone."""
+    """Signatures without headings, which are compared with the answered place alone."""
     return Signatures(signatures.place)
 
 
@@ -103,20 +103,20 @@ def _blocks(count: int) -> Iterator[slice]:
     return (slice(start, start + BLOCK) for start in range(0, count, BLOCK))
 
 
-def _headings(queries: Signatures, place: Ints, index: Index) -> Floats | None:
-    """The headings (Q,) of queries that were taken to be at places (Q,), where the distance tells rotations."""
-    turns = []
+def _headings(queries: Signatures, place: Ints, index: ClusterIndex) -> Floats | None:
+    """Headings (Q,) of queries localised at places (Q,), if the distance gives rotations."""
+    rotations = []
     for q, p in enumerate(place):
         here = index.distance.prepare(index.places.signatures[p : p + 1])
         rotation = index.distance.match(queries[q : q + 1], here).rotation_rad
         if rotation is None:
             return None
-        turns.append(rotation[0, 0])
+        rotations.append(rotation[0, 0])
     assert index.places.T_world_camera is not None
-    return wrap_angle(heading_of(index.places.T_world_camera[place]) + np.array(turns))
+    return wrap_angle(heading_of(index.places.T_world_camera[place]) + np.array(rotations))
 
 
-def _check_scale(index: Index, chosen: Ints) -> None:
+def _check_scale(index: ClusterIndex, chosen: Ints) -> None:
     """DataError if distances depend on which places were prepared together: clusters would not be on one scale."""
     representatives = _bare(index.places.signatures)[chosen]
     first = np.searchsorted(index.members[0], chosen[0])

@@ -1,4 +1,4 @@
-"""A position between the places."""
+"""Interpolation of the position between places by kriging."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from omnilab_appearance.localizers.nearest import Nearest, check_map
 NOISE = 1e-6  # eigenvalues below this share of the largest are rounding
 
 
-class Index(NamedTuple):
-    """A map, ready to be interpolated."""
+class KrigingIndex(NamedTuple):
+    """A map prepared for interpolation."""
 
     nearest: tuple[Places, Distance, Any]
     position_m: Floats  # (P, 3)
-    around: Ints  # (P, k) the places around each
+    around: Ints  # (P, k) the k places nearest to each
 
 
 @dataclass
 class Interpolated:
-    """The nearest place, and the position that the distances to its neighbours tell: ordinary kriging (Matheron, 1963).
+    """The nearest place, and a position from the distances to its neighbours by ordinary kriging (Matheron, 1963).
 
     With D the image distances between the `neighbours` places around the nearest place (which is one of them; 9 are the
     3 x 3 block of a grid) and d the query's distances to them, the weights w that sum to 1 and solve D w + m 1 = d make
     the position sum w x. For distances that are squared lengths in some space, as 1 - correlation is, that is the point
-    of the neighbours' flat nearest to the query. Any distance will do, and any arrangement of places.
+    of the neighbours' affine hull nearest to the query. Any distance and any layout of places will do.
 
     The position never lies farther from the nearest place than the farthest neighbour does; where the nearest place is
     wrong, so is the position. Where all distances are equal it is the neighbours' centroid, among places at one position
     that position. The answered place, its distance and the heading are those of `nearest`.
     """
 
-    neighbours: int = 9  # places that share in the position; all, where the map has fewer
+    neighbours: int = 9  # places interpolated between; all, where the map has fewer
 
     def __post_init__(self) -> None:
         if self.neighbours < 2:
@@ -44,8 +44,8 @@ class Interpolated:
                 f"localizer.neighbours={self.neighbours} leaves nothing to interpolate; give 2 or more (9: 3 x 3)"
             )
 
-    def prepare(self, places: Places, distance: Distance) -> Index:
-        """The map made ready for `nearest`, and which places lie around which."""
+    def prepare(self, places: Places, distance: Distance) -> KrigingIndex:
+        """The map prepared for `nearest`, and the neighbours of each place."""
         from scipy.spatial import KDTree
 
         check_map(places, "interpolated")
@@ -53,9 +53,9 @@ class Interpolated:
         position_m = places.T_world_camera[:, :3, 3]
         k = min(self.neighbours, len(places))
         _, around = KDTree(position_m).query(position_m, np.arange(1, k + 1))
-        return Index(Nearest().prepare(places, distance), position_m, np.asarray(around))
+        return KrigingIndex(Nearest().prepare(places, distance), position_m, np.asarray(around))
 
-    def locate(self, queries: Signatures, index: Index) -> Estimates:
+    def locate(self, queries: Signatures, index: KrigingIndex) -> Estimates:
         """The nearest places, and positions between their neighbours."""
         estimates = Nearest().locate(queries, index.nearest)
         position_m = np.empty((len(queries), 3))
@@ -66,8 +66,8 @@ class Interpolated:
         return replace(estimates, position_m=position_m)
 
 
-def _weights(query: Floats, around: Ints, index: Index) -> Floats:
-    """How much each of the k places around shares in the position of a query: the kriging weights (k,)."""
+def _weights(query: Floats, around: Ints, index: KrigingIndex) -> Floats:
+    """Kriging weights (k,) of the k places around, for a query."""
     places, distance, _ = index.nearest
     some = places.signatures.place[around]
     match = distance.match(Signatures(np.concatenate([some, query[None]])), distance.prepare(Signatures(some)))

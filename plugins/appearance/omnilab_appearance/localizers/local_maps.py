@@ -1,4 +1,4 @@
-"""What localizers by a local map share: method 2 of the thesis, where positions only fit the finished map to the world."""
+"""Base class of localizers by a local map: method 2 of the thesis, where positions only align the finished map."""
 
 from __future__ import annotations
 
@@ -9,32 +9,30 @@ from enum import Enum
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from omnilab.api import Distance, Embedding, Estimates, Floats, Ints, Places, Signatures
+from omnilab.api import Bools, Distance, Embedding, Estimates, Floats, Ints, Places, Signatures
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import procrustes, spanned
 from omnilab_appearance.localizers.nearest import Nearest
 
 log = logging.getLogger("omnilab")
-STIFFEST = 100.0  # what eq. 14 limits the constants to
-Flags = npt.NDArray[np.bool_]
+STIFFEST = 100.0  # limit of the constants of eq. 14
 
 
 class Constants(Enum):
-    """How much a pair counts: the constant of its spring."""
+    """The weight of a pair: the constant of its spring."""
 
     equal = "equal"
     inverse_square = "inverse_square"
 
 
 @dataclass
-class LocalMap(ABC):
-    """A localizer that places a query and its most alike places in a plane, knowing only how unlike they are.
+class LocalMapLocalizer(ABC):
+    """A localizer that embeds a query and its most alike places in a plane, from their distances alone.
 
-    The distance that chooses the places measures the pairs among them, too. The similarity that fits the map to the
-    world is found on the places alone; the query goes along. z is the mean of the places'. Where the places lie on one
-    line, the side of it on which the query lies cannot be told, and the log says so.
+    The distance that chooses the places measures the pairs among them, too. The similarity transform from the map to the
+    world is fitted to the places alone and applied to the query. z is the mean of the places'. Where the places lie on
+    one line, the side of it on which the query lies is ambiguous: a warning.
     """
 
     neighbours: int = 9  # places that a query's map is made of, at least 3
@@ -53,7 +51,7 @@ class LocalMap(ABC):
                 raise ConfigError(f"{name}={value:g} is not above 0; give a positive number or null")
 
     def prepare(self, places: Places, distance: Distance) -> tuple[Places, Distance, Any]:
-        """The map as `nearest` keeps it."""
+        """The map prepared for `nearest`."""
         index = Nearest().prepare(places, distance)
         if len(places) < self.neighbours:
             raise DataError(
@@ -63,16 +61,16 @@ class LocalMap(ABC):
         return index
 
     def locate(self, queries: Signatures, index: tuple[Places, Distance, Any]) -> Estimates:
-        """Arrange every query with its most alike places, fit the places to their positions, answer where the query lies."""
+        """Embed every query with its most alike places, align the places with their positions, apply that to the query."""
         places, distance, _ = index
         assert places.T_world_camera is not None
         nearest = Nearest().locate(queries, index)
         assert nearest.field is not None
         chosen = nearest.field.argsort(axis=1, kind="stable")[:, : self.neighbours]
         known = places.T_world_camera[chosen, :3, 3]
-        _tell(spanned(known[..., :2]) < 2, "queries have their neighbours on one line, which their maps may be mirrored at;"
+        _warn(spanned(known[..., :2]) < 2, "queries have their neighbours on one line, which their maps may be mirrored at;"
               " give more neighbours, or places in two dimensions")  # fmt: skip
-        pairs = pairwise(queries, chosen, places.signatures, distance)
+        pairs = pairwise_distances(queries, chosen, places.signatures, distance)
         plane = self.embed(pairs, np.random.default_rng(self.seed)).position
         fit = procrustes(plane[:, :-1], known[..., :2])
         xy = fit.apply(plane[:, -1:])[:, 0]
@@ -80,23 +78,23 @@ class LocalMap(ABC):
         return Estimates(nearest.place, nearest.distance, position_m, nearest.heading_rad, nearest.field)
 
     def embed(self, distance: Floats, rng: np.random.Generator, steps: int = 0) -> Embedding:
-        """Place B sets of n points from distances (B, n, n), of which infinite ones do not count.
+        """Embed B sets of n points from distances (B, n, n), of which infinite ones do not count.
 
         All sets get the same draws of `rng`, so that a set comes out the same in any batch.
         """
         lengths, counts = self._checked(np.asarray(distance, float))
         lengths = np.where(counts, lengths, 0.0)
-        position, iterations, states = self._arrange(lengths, self._weights(lengths, counts), rng, steps)
+        position, iterations, states = self._embed(lengths, self._weights(lengths, counts), rng, steps)
         return Embedding(position, stress(position, lengths, counts), iterations, states)
 
     @abstractmethod
-    def _arrange(
+    def _embed(
         self, lengths: Floats, weights: Floats, rng: np.random.Generator, steps: int
     ) -> tuple[Floats, Ints, Floats | None]:
         """Positions (B, n, 2), iterations (B,) and states (S, B, n, 2) for lengths and weights (B, n, n)."""
 
-    def _checked(self, distance: Floats) -> tuple[Floats, Flags]:
-        """Symmetric distances, and which of them count; what nothing can be made of is told."""
+    def _checked(self, distance: Floats) -> tuple[Floats, Bools]:
+        """Symmetric distances, and a mask of those that count; DataError for unusable ones, warnings for ambiguous ones."""
         if distance.ndim != 3 or distance.shape[1] != distance.shape[2] or distance.shape[1] < 3:
             raise DataError(f"distances of shape {distance.shape} make no map; give (sets, n, n), n at least 3")
         apart = ~np.eye(distance.shape[1], dtype=bool)
@@ -110,12 +108,12 @@ class LocalMap(ABC):
         longest = np.where(counts, lengths, -np.inf).max(axis=(1, 2))
         shortest = np.where(counts, lengths, np.inf).min(axis=(1, 2))
         alike = longest - shortest <= 1e-6 * longest
-        _tell(alike, "maps have all distances equal, which tells nothing of where their images lie; compare images by"
+        _warn(alike, "maps have all distances equal, which determine no positions of their images; compare images by"
               " another distance")  # fmt: skip
-        _tell(~connected(counts), "maps fall into parts that no distance holds together; raise threshold or linked")
+        _warn(~connected(counts), "maps fall into parts that no distance holds together; raise threshold or linked")
         return lengths, counts
 
-    def _weights(self, lengths: Floats, counts: Flags) -> Floats:
+    def _weights(self, lengths: Floats, counts: Bools) -> Floats:
         """The constants of the pairs (B, n, n), 0 where they do not count (Payá et al., 2016, eq. 14)."""
         ones: Floats = counts.astype(float)
         if self.constants is Constants.equal:
@@ -127,10 +125,10 @@ class LocalMap(ABC):
         return ones * np.divide(slope, capped, out=np.ones_like(capped), where=capped > 0)
 
 
-def pairwise(queries: Signatures, chosen: npt.NDArray[np.intp], places: Signatures, distance: Distance) -> Floats:
+def pairwise_distances(queries: Signatures, chosen: Ints, places: Signatures, distance: Distance) -> Floats:
     """Distances (Q, n + 1, n + 1) among the n chosen places (Q, n) of each query and, last, the query.
 
-    The distance prepares each such set as a map of its own, which those that learn from the map (`log`) will notice.
+    The distance prepares each set as a map of its own, which matters for those fitted on the map (`log`).
     """
     pairs = np.empty((len(queries), chosen.shape[1] + 1, chosen.shape[1] + 1))
     for q, some in enumerate(chosen):
@@ -139,14 +137,14 @@ def pairwise(queries: Signatures, chosen: npt.NDArray[np.intp], places: Signatur
     return pairs
 
 
-def most_alike(lengths: Floats, count: int) -> Flags:
-    """Which pairs of lengths (B, n, n) are among the `count` shortest of one of their two."""
+def most_alike(lengths: Floats, count: int) -> Bools:
+    """Mask of pairs of lengths (B, n, n) that are among the `count` shortest of either point."""
     last = min(count, lengths.shape[1]) - 1
     near = lengths <= np.partition(lengths, last, axis=2)[:, :, last : last + 1]
     return np.asarray(near | near.swapaxes(1, 2))
 
 
-def stress(position: Floats, lengths: Floats, counts: Flags) -> Floats:
+def stress(position: Floats, lengths: Floats, counts: Bools) -> Floats:
     """The normalised stress (B,) of points (B, n, 2) over the pairs that count (B, n, n)."""
     x, y = np.moveaxis(position[:, :, None] - position[:, None], -1, 0)
     misfit = np.where(counts, np.hypot(x, y) - lengths, 0)
@@ -154,8 +152,8 @@ def stress(position: Floats, lengths: Floats, counts: Flags) -> Floats:
     return np.asarray(np.sqrt((misfit**2).sum(axis=(1, 2)) / np.where(total > 0, total, 1)))
 
 
-def connected(pairs: Flags) -> Flags:
-    """Whether the pairs (B, n, n) join all points of a set, for each of the sets."""
+def connected(pairs: Bools) -> Bools:
+    """Whether the graph of the pairs (B, n, n) is connected, for each of the sets."""
     reached = np.zeros(pairs.shape[:2], bool)
     reached[:, 0] = True
     while (further := (pairs & reached[:, :, None]).any(axis=1) & ~reached).any():
@@ -164,12 +162,12 @@ def connected(pairs: Flags) -> Flags:
 
 
 def marks_of(iterations: Ints, steps: int) -> Ints:
-    """After which iterations (S, B) to keep a state: from the first to the last, densest at the start, where most moves."""
+    """Iterations (S, B) after which to keep a state: from the first to the last, densest at the start."""
     share = np.linspace(0, 1, max(steps, 2)) ** 2
     return np.asarray(np.rint(share[:, None] * iterations), np.int64)
 
 
-def _tell(which: Flags, what: str) -> None:
-    """A warning about some of many."""
+def _warn(which: Bools, what: str) -> None:
+    """Log a warning that counts the affected ones."""
     if which.any():
         log.warning("%d of %d %s", which.sum(), len(which), what)

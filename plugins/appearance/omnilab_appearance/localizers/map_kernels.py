@@ -1,4 +1,4 @@
-"""Inner loops of the map makers, compiled on first use. Every set of points is placed alone, in one fixed order.
+"""Numba kernels of `spring` and `smacof`. Every set of points is embedded alone, in one fixed order.
 
 Points are (2, n), and every pair is visited from both sides: that is what the compiler turns into vector code.
 """
@@ -11,7 +11,7 @@ import numba as nb
 import numpy as np
 
 SMALLEST = 1e-4  # share of the time step below which no smaller one is tried
-RELEASED = 2.0  # a system whose energy grows to this many times what it had at rest flies apart
+RELEASED = 2.0  # a system whose energy grows to this many times that of its start diverges
 # sums may be split into vectors; NaN and infinity stay what they are
 ANY_ORDER = {"reassoc", "contract", "arcp", "nsz"}
 TINY = 1e-300  # keeps the direction between two points in one place at zero
@@ -19,10 +19,10 @@ TINY = 1e-300  # keeps the direction between two points in one place at zero
 
 @nb.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
 def springs(lengths, stiffness, damping, start, verlet, step_s, tolerance, limit, marks):  # type: ignore[no-untyped-def]
-    """Let masses of 1 kg settle from rest at `start` (R, 2, n), joined by springs and dampers: three times (B, n, n).
+    """Integrate masses of 1 kg from rest at `start` (R, 2, n), joined by springs and dampers: three times (B, n, n).
 
     The first R / B starts are of the first set, and so on. Answers positions (R, 2, n), energies (R,), iterations (R,),
-    -1 where they did not settle in `limit`, time steps (R,), halved where the masses flew apart, and the states
+    -1 where they did not settle in `limit`, time steps (R,), halved where the system diverged, and the states
     (M, R, 2, n) after as many iterations as `marks` (M, R) say.
     """
     starts = len(start) // len(lengths)
@@ -32,23 +32,23 @@ def springs(lengths, stiffness, damping, start, verlet, step_s, tolerance, limit
     steps = np.full(len(start), step_s)
     states = np.empty((len(marks), *start.shape))
     for r in nb.prange(len(start)):
-        b, flown = r // starts, True
-        while flown and steps[r] > SMALLEST * step_s:
+        b, diverged = r // starts, True
+        while diverged and steps[r] > SMALLEST * step_s:
             position[r] = start[r]
-            energy[r], iterations[r], flown = _settle(
+            energy[r], iterations[r], diverged = _settle(
                 position[r], lengths[b], stiffness[b], damping[b], verlet, steps[r], tolerance, limit, marks[:, r],
                 states[:, r],
             )  # fmt: skip
-            if flown:
+            if diverged:
                 steps[r] /= 2
     return position, energy, iterations, steps, states
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _settle(p, lengths, stiffness, damping, verlet, step, tolerance, limit, marks, states):  # type: ignore[no-untyped-def]
-    """Integrate one system in place until its springs keep their lengths: its energy, iterations, and whether it flew apart.
+    """Integrate one system in place until its springs keep their lengths: its energy, iterations, and whether it diverged.
 
-    That the whole turns does not count: dampers along the springs do not hinder it, and eq. 4 sets it turning.
+    A rotation of the whole does not count: dampers along the springs do not damp it, and eq. 4 excites it.
     """
     velocity, force, before = np.zeros_like(p), np.empty_like(p), np.empty_like(p)
     least_power = tolerance * tolerance * np.sum(damping)
@@ -60,7 +60,7 @@ def _settle(p, lengths, stiffness, damping, verlet, step, tolerance, limit, mark
                 states[m] = p
         if iteration > 0:
             energy, power = _forces(p, velocity, lengths, stiffness, damping, force)
-            if not energy + 0.5 * np.sum(velocity * velocity) <= released:  # NaN counts as flown apart
+            if not energy + 0.5 * np.sum(velocity * velocity) <= released:  # NaN counts as diverged
                 return energy, -1, True
             if power <= least_power:
                 return energy, iteration, False

@@ -1,4 +1,4 @@
-"""Method 1: the answer is the most alike place."""
+"""Nearest-neighbour localisation: method 1 of the thesis."""
 
 from __future__ import annotations
 

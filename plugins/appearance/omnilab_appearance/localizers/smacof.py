@@ -1,4 +1,4 @@
-"""Multidimensional scaling by majorisation: what springs settle to, sooner."""
+"""SMACOF: multidimensional scaling by stress majorisation."""
 
 from __future__ import annotations
 
@@ -6,16 +6,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from omnilab.api import Floats, Ints
+from omnilab.api import Bools, Floats, Ints
 from omnilab.errors import ConfigError
 from omnilab_appearance.common.circular_correlation import blas
-from omnilab_appearance.localizers.local_maps import LocalMap, connected, log, marks_of
+from omnilab_appearance.localizers.local_maps import LocalMapLocalizer, connected, log, marks_of
 
 
 @dataclass
-class Smacof(LocalMap):
+class Smacof(LocalMapLocalizer):
     """A local map of least stress, Σ w (|x_i - x_j| - d_ij)², by majorisation from classical scaling (de Leeuw, 1977).
 
     Guttman transforms with weights (Borg and Groenen, 2005, 8.5-8.6) lower the stress until it falls by less than
@@ -32,15 +31,15 @@ class Smacof(LocalMap):
                 f"tolerance={self.tolerance:g}, iterations={self.iterations} never end; give both above 0"
             )
 
-    def _arrange(
+    def _embed(
         self, lengths: Floats, weights: Floats, rng: np.random.Generator, steps: int
     ) -> tuple[Floats, Ints, Floats | None]:
         """Classical scaling, then Guttman transforms."""
         with blas().limit(limits=1, user_api="blas"):
-            start = classical_scaling(_filled(lengths, weights > 0), rng).swapaxes(1, 2).copy()
+            start = classical_scaling(complete_distances(lengths, weights > 0), rng).swapaxes(1, 2).copy()
             inverse = _laplacian_inverse(weights)
-        none = np.empty((0, len(start)), np.int64)
-        position, iterations, _ = self._majorise(lengths, weights, inverse, start, none)
+        no_marks = np.empty((0, len(start)), np.int64)
+        position, iterations, _ = self._majorise(lengths, weights, inverse, start, no_marks)
         if (falling := iterations < 0).any():
             log.warning("the stress of %d of %d maps still fell after %d iterations; raise iterations or tolerance",
                         falling.sum(), len(start), self.iterations)  # fmt: skip
@@ -73,8 +72,8 @@ def _laplacian_inverse(weights: Floats) -> Floats:
 def classical_scaling(lengths: Floats, rng: np.random.Generator) -> Floats:
     """Points (B, n, 2) from distances (B, n, n): the two widest axes of their double-centred squares (Torgerson, 1952).
 
-    Distances of a line have one axis only, which no Guttman transform leaves: across it the points are drawn, a
-    thousandth as wide.
+    Distances of a line have one axis only, which no Guttman transform leaves: across it the coordinates are drawn,
+    a thousandth as wide.
     """
     from scipy.linalg import eigh
 
@@ -90,7 +89,7 @@ def classical_scaling(lengths: Floats, rng: np.random.Generator) -> Floats:
     return np.asarray(points)
 
 
-def _filled(lengths: Floats, counts: npt.NDArray[np.bool_]) -> Floats:
+def complete_distances(lengths: Floats, counts: Bools) -> Floats:
     """Lengths with the shortest path in place of those that do not count, twice the longest where there is none."""
     from scipy.sparse.csgraph import csgraph_from_dense, shortest_path
 

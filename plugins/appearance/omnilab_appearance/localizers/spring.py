@@ -1,4 +1,4 @@
-"""Method 2 as printed: masses, springs and dampers."""
+"""Local maps by masses, springs and dampers: method 2 of the thesis, as printed."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ import numpy as np
 
 from omnilab.api import Floats, Ints
 from omnilab.errors import ConfigError
-from omnilab_appearance.localizers.local_maps import LocalMap, log, marks_of
+from omnilab_appearance.localizers.local_maps import LocalMapLocalizer, log, marks_of
 
 
 class Integrator(Enum):
-    """How positions follow from forces."""
+    """The integration scheme."""
 
     euler = "euler"
     verlet = "verlet"
 
 
 @dataclass
-class Spring(LocalMap):
-    """A local map by springs as long as the images are unlike, from random positions (Berenguer, thesis, 2.3, 4.5.2).
+class Spring(LocalMapLocalizer):
+    """A local map by springs whose rest lengths are the image distances, from random positions (Berenguer, thesis, 2.3, 4.5.2).
 
     After Payá et al. (2016, eq. 1-6, 14, 15), with three misprints put right: a stretched spring pulls, the damper acts
     along its spring, and eq. 6 takes the velocity from p(t - Δt). Of several starts the one of lowest energy is
     answered. Lengths are in units of the mean distance, so that the scale of a distance does not matter (but with
-    `slope`). Systems that fly apart are run again with half the time step, and the log says so.
+    `slope`). Systems that diverge are run again with half the time step, with a warning.
     """
 
     integrator: Integrator = Integrator.verlet  # euler (eq. 4) or verlet (eq. 5-6)
@@ -43,18 +43,18 @@ class Spring(LocalMap):
             if not getattr(self, name) > 0:
                 raise ConfigError(f"{name}={getattr(self, name):g} lets no spring settle; give a number above 0")
 
-    def _arrange(
+    def _embed(
         self, lengths: Floats, weights: Floats, rng: np.random.Generator, steps: int
     ) -> tuple[Floats, Ints, Floats | None]:
-        """Let every system settle from every start; the lowest energy wins."""
+        """Integrate every system from every start; the lowest energy wins."""
         sets, n = lengths.shape[:2]
         mean = lengths.sum(axis=(1, 2)) / np.maximum((weights > 0).sum(axis=(1, 2)), 1)
         unit = np.where(mean > 0, mean, 1.0)[:, None, None]
         lengths = lengths / unit
         start = np.tile(rng.uniform(-1, 1, (self.starts, 2, n)), (sets, 1, 1))
-        none = np.empty((0, len(start)), np.int64)
-        position, energy, iterations, step_s, _ = self._settle(lengths, weights, start, none)
-        self._report(iterations, step_s)
+        no_marks = np.empty((0, len(start)), np.int64)
+        position, energy, iterations, step_s, _ = self._settle(lengths, weights, start, no_marks)
+        self._warn(iterations, step_s)
         best = energy.reshape(sets, -1).argmin(axis=1) + np.arange(sets) * self.starts
         taken = np.where(iterations[best] < 0, self.iterations, iterations[best])
         states = None
@@ -71,8 +71,8 @@ class Spring(LocalMap):
             lengths, weights, damping, start, verlet, self.step_s, self.tolerance, self.iterations, marks
         )
 
-    def _report(self, iterations: Ints, step_s: Floats) -> None:
-        """Say which systems flew apart, and which did not come to rest."""
+    def _warn(self, iterations: Ints, step_s: Floats) -> None:
+        """Warn of systems that diverged, and of those that did not come to rest."""
         if (smaller := step_s < self.step_s).any():
             log.warning("springs flew apart with step_s=%g in %d of %d systems, which were run again with steps down to"
                         " %.2g s", self.step_s, smaller.sum(), len(step_s), step_s.min())  # fmt: skip

@@ -1,4 +1,4 @@
-"""Signatures that are added one by one, and compared with all before them at once."""
+"""An incremental index of vectors under the cosine distance."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from omnilab.api import Floats
 
 
-class Remembered:
+class CosineIndex:
     """Unit vectors (n, D) in an array that doubles as it fills."""
 
     def __init__(self) -> None:
@@ -18,7 +18,7 @@ class Remembered:
         return self._count
 
     def add(self, vector: Floats) -> None:
-        """One more (D,), scaled to unit length; zeros stay, and are like nothing."""
+        """Append a vector (D,), scaled to unit length; a zero vector stays zero, at distance 1 from all."""
         if self._rows.shape[1] != vector.size:
             self._rows = np.zeros((len(self._rows), vector.size), np.float32)
         if self._count == len(self._rows):

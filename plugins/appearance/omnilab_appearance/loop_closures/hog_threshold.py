@@ -1,29 +1,29 @@
-"""Loop closures by the distance of two descriptions alone, as printed."""
+"""Loop closures by a threshold on the distance of two descriptors, as printed."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from omnilab.api import Closures, Floats, Frames, Ints, Signatures, Unusable
+from omnilab.api import Closures, Floats, Frames, ImageFeatures, Ints, Signatures, Unusable
 from omnilab.errors import ConfigError
 from omnilab.image import view_of
 from omnilab_appearance.descriptors.hog import cell_means, gradient_sums
 from omnilab_appearance.descriptors.radon import Radon
 from omnilab_appearance.descriptors.radon_hog import RadonHog
 from omnilab_appearance.distances.poc import Poc
-from omnilab_appearance.loop_closures.cosine_index import Remembered
+from omnilab_appearance.loop_closures.cosine_index import CosineIndex
 
 
 @dataclass
 class HogThreshold:
     """Two images show one place if the HOG of their Radon transforms are nearer than W (Berenguer, thesis, eq. 6.6).
 
-    The distance is the cosine's, whatever the headings; the turn is that of the transforms by phase-only correlation.
-    Images taken shortly before are left out, or everything would close on itself. What is nearer than W by chance closes
-    a loop, too: this is as printed, and a robust back end should follow.
+    The distance is the cosine distance, invariant under rotation; the rotation is that of the transforms by phase-only
+    correlation.
+    Images taken shortly before are left out. Images nearer than W by chance close a loop, too: this is as printed, and a
+    robust back end should follow.
     """
 
     w: float = 0.006  # distance below which two images show one place
@@ -37,15 +37,15 @@ class HogThreshold:
     def __post_init__(self) -> None:
         if not self.w > 0:
             raise ConfigError(f"w={self.w:g} recognises nothing; give a distance above 0, such as 0.006")
-        check_memory(self.exclude, self.most, self.reach, self.turn_sigma_deg)
+        check_settings(self.exclude, self.most, self.reach, self.turn_sigma_deg)
         RadonHog(self.cells, self.bins)
 
-    def begin(self) -> HogMemory:
-        """A memory without images."""
-        return HogMemory(self)
+    def begin(self) -> HogDatabase:
+        """An empty place database."""
+        return HogDatabase(self)
 
 
-def check_memory(exclude: int, most: int, reach: float, turn_sigma_deg: float) -> None:
+def check_settings(exclude: int, most: int, reach: float, turn_sigma_deg: float) -> None:
     """ConfigError for settings that close no loop, or any."""
     if exclude < 1 or most < 1:
         raise ConfigError(f"exclude={exclude}, most={most} close a loop with every image or with none; give 1 or more")
@@ -53,31 +53,42 @@ def check_memory(exclude: int, most: int, reach: float, turn_sigma_deg: float) -
         raise ConfigError(f"reach={reach:g}, turn_sigma_deg={turn_sigma_deg:g} are no deviations; give numbers above 0")
 
 
-class HogMemory:
-    """Descriptions and Radon transforms of all images so far, those of unusable ones as zeros."""
+class HogDatabase:
+    """Place database of HOGs and Radon transforms; HOGs of unusable images are zeros."""
 
     def __init__(self, settings: HogThreshold) -> None:
-        self._settings, self._hogs = settings, Remembered()
-        self._transforms: list[Any] = []  # (1, N, M) float16: phases need no more
+        self._settings, self._hogs = settings, CosineIndex()
+        self._transforms: list[Floats] = []  # (1, N, M) float16: phases need no more
 
-    def query(self, frames: Frames, look: Any, step: float, rng: np.random.Generator) -> Closures:  # noqa: ARG002
+    def query(
+        self,
+        frames: Frames,
+        features: ImageFeatures | Unusable | None,
+        step: float,
+        rng: np.random.Generator,  # noqa: ARG002
+    ) -> Closures:
         """See `omnilab.api.PlaceDatabase`."""
         s = self._settings
         transform = Radon().describe(view_of(frames.images, frames.camera, "mirror", False)).place
-        usable = not isinstance(look, Unusable)
+        usable = not isinstance(features, Unusable)
         self._hogs.add(hog_of(transform, s.cells, s.bins) if usable else np.zeros(s.cells * s.bins))
         self._transforms.append((transform / max(float(np.abs(transform).max()), 1e-12)).astype(np.float16))
         if not usable:
-            return none(0)
+            return no_closures(0)
         distances = self._hogs.distances(s.exclude)
         near = np.argsort(distances, kind="stable")[: s.most]
         near = near[distances[near] < s.w]
-        turns = np.array([self._turn(int(node)) for node in near])
+        rotations = np.array([self._rotation(int(node)) for node in near])
         return closures(
-            near, turns, np.full(len(near), np.deg2rad(s.turn_sigma_deg)), s.reach * step, distances[near], len(near)
+            near,
+            rotations,
+            np.full(len(near), np.deg2rad(s.turn_sigma_deg)),
+            s.reach * step,
+            distances[near],
+            len(near),
         )
 
-    def _turn(self, node: int) -> float:
+    def _rotation(self, node: int) -> float:
         """Heading of the last image less that of a node."""
         poc = Poc()
         before, now = (Signatures(t.astype(np.float32)) for t in (self._transforms[node], self._transforms[-1]))
@@ -93,17 +104,17 @@ def hog_of(transform: Floats, cells: int, bins: int) -> Floats:
 
 
 def closures(
-    nodes: Ints, turns: Floats, turn_sigma: Floats, position_sigma: float, distances: Floats, candidates: int
+    nodes: Ints, rotations: Floats, rotation_sigma: Floats, position_sigma: float, distances: Floats, candidates: int
 ) -> Closures:
-    """Closures (K,) that say: the same place, within `position_sigma`, turned by `turns`."""
+    """Closures (K,) with zero translation, known to `position_sigma`, and the given rotations (K,)."""
     motions, covariances = np.zeros((len(nodes), 3)), np.zeros((len(nodes), 3, 3))
-    motions[:, 2] = turns
+    motions[:, 2] = rotations
     covariances[:, 0, 0] = covariances[:, 1, 1] = position_sigma**2
-    covariances[:, 2, 2] = turn_sigma**2
+    covariances[:, 2, 2] = rotation_sigma**2
     return Closures(nodes, motions, covariances, distances, candidates)
 
 
-def none(candidates: int) -> Closures:
-    """Nothing is recognised."""
+def no_closures(candidates: int) -> Closures:
+    """No closures."""
     nothing = np.zeros(0)
     return closures(np.zeros(0, int), nothing, nothing, 1.0, nothing, candidates)

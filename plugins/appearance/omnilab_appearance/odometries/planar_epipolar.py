@@ -1,4 +1,4 @@
-"""Odometry by the epipolar geometry of planar motion."""
+"""Odometry from the epipolar geometry of planar motion."""
 
 from __future__ import annotations
 
@@ -8,18 +8,17 @@ from enum import Enum
 
 import numpy as np
 
-from omnilab.api import Floats, Frames, Ints, Motion, Signatures, Unusable
+from omnilab.api import Floats, Frames, ImageFeatures, Ints, Motion, Signatures, Unusable
 from omnilab.errors import ConfigError
 from omnilab.image import view_of
-from omnilab_appearance.common.ground_scale import Step, floor_step
-from omnilab_appearance.common.relative_pose import ALIKE, RelativePose, Solver, pose_of
+from omnilab_appearance.common.ground_scale import GroundStep, ground_step
+from omnilab_appearance.common.local_features import Detector
+from omnilab_appearance.common.relative_pose import CORRELATED, RelativePose, Solver, pose_of
 from omnilab_appearance.common.spherical_features import (
-    Detector,
-    Sighting,
     check_calibrated,
-    matched,
-    on_sphere,
-    sightings,
+    directions_of,
+    match_features,
+    spherical_features,
 )
 from omnilab_appearance.descriptors.radon import Radon
 from omnilab_appearance.descriptors.sift import check_count
@@ -30,19 +29,26 @@ POC_SPREAD = 0.25  # standard deviation of a length by POC, of the length
 
 
 class Length(Enum):
-    """How the length of a step is told."""
+    """What the length of a translation is estimated from."""
 
     floor = "floor"
     poc = "poc"
+
+
+@dataclass(frozen=True, eq=False)
+class RadonFeatures(ImageFeatures):
+    """Local features of an image, and its Radon transform, which lengths are estimated from."""
+
+    radon: Floats  # (offsets, angles) of the mirror image
 
 
 @dataclass
 class PlanarEpipolar:
     """Rotation and direction from matched features on the unit sphere (view-based SLAM, 3.2), the length by the floor.
 
-    Features are found on the panorama and matched; a motion in the plane leaves two unknowns, which RANSAC finds from
+    Features are found on the panorama and matched; planar motion has two unknowns up to scale, which RANSAC finds from
     two matches, or from four by the linear equations as printed, and Gauss-Newton refines with their covariance. The
-    length is told by what moved on the floor, in heights of the camera above it (metres with `height_m`), or by the
+    length is that of matched points of the floor, in heights of the camera above it (metres with `height_m`), or the
     squared POC distance of the Radon transforms (Berenguer, thesis, eq. 6.4-6.5), in its own unit.
     """
 
@@ -50,9 +56,9 @@ class PlanarEpipolar:
     features: int = 400  # at most so many of each image
     ratio: float = 0.8  # a match is so much nearer than the second best
     solver: Solver = Solver.two_point  # minimal; or linear, on four points as printed
-    tolerance_deg: float = 0.5  # how far a match may lie from its epipolar plane
+    tolerance_deg: float = 0.5  # of a match from its epipolar plane
     draws: int = 300  # of RANSAC, at most
-    least_matches: int = 12  # that fit; with fewer there is no motion
+    least_matches: int = 12  # inliers; with fewer the estimate fails
     length: Length = Length.floor  # by points of the floor; or poc, by the distance of the Radon transforms
     height_m: float | None = None  # of the camera above the floor; not given: lengths in that height
 
@@ -64,47 +70,51 @@ class PlanarEpipolar:
         if self.draws < 1:
             raise ConfigError(f"draws={self.draws} try nothing; give 1 or more, such as 300")
         if self.least_matches < 5:
-            raise ConfigError(f"least_matches={self.least_matches} cannot tell a motion from chance; give 5 or more")
+            raise ConfigError(
+                f"least_matches={self.least_matches} cannot distinguish a motion from chance; give 5 or more"
+            )
         if self.height_m is not None and not 0 < self.height_m < np.inf:
             raise ConfigError(f"height_m={self.height_m:g} is no height above the floor; give metres above 0")
 
-    def extract(self, frames: Frames) -> Sequence[Sighting | Unusable]:
-        """The features of each image on the unit sphere; DataError if the camera is not calibrated."""
+    def extract(self, frames: Frames) -> Sequence[ImageFeatures | Unusable]:
+        """Features of each image on the unit sphere; DataError for an uncalibrated camera."""
         check_calibrated(frames.camera, "odometry=appearance")
-        seen = sightings(frames, self.detector, self.features, self.least_matches)
+        found = spherical_features(frames, self.detector, self.features, self.least_matches)
         if self.length is not Length.poc:
-            return seen
+            return found
         transforms = Radon().describe(view_of(frames.images, frames.camera, "mirror", False)).place
         return [
-            look if isinstance(look, Unusable) else look._replace(radon=transform)
-            for look, transform in zip(seen, transforms, strict=True)
+            f if isinstance(f, Unusable) else RadonFeatures(f.directions, f.azimuth_level, f.vectors, transform)
+            for f, transform in zip(found, transforms, strict=True)
         ]
 
-    def estimate(self, before: Sighting, now: Sighting, rng: np.random.Generator) -> Motion:
-        """The motion between two sightings of one camera."""
-        i, j = matched(before, now, self.ratio)
-        p, q = on_sphere(before)[i], on_sphere(now)[j]
-        pose = pose_of(p, q, rng, self.solver, self.tolerance_deg, self.draws, self.least_matches, ALIKE)
+    def estimate(self, before: ImageFeatures, now: ImageFeatures, rng: np.random.Generator) -> Motion:
+        """The motion between two images of one camera, from their features."""
+        i, j = match_features(before, now, self.ratio)
+        p, q = directions_of(before)[i], directions_of(now)[j]
+        pose = pose_of(p, q, rng, self.solver, self.tolerance_deg, self.draws, self.least_matches, CORRELATED)
         if pose.failed:
-            return self._motion(before, now, i, j, pose, Step(np.nan, np.inf, 0, pose.failed))
+            return self._motion(before, now, i, j, pose, GroundStep(np.nan, np.inf, 0, pose.failed))
         if self.length is Length.poc:
             return self._motion(before, now, i, j, pose, _poc_step(before, now))
-        step = floor_step(p[pose.agree], q[pose.agree], pose.phi, pose.beta, pose.noise_rad)
+        step = ground_step(p[pose.agree], q[pose.agree], pose.phi, pose.beta, pose.noise_rad)
         height = self.height_m or 1.0
         scaled = step._replace(length=height * step.length, variance=height**2 * step.variance)
         return self._motion(before, now, i, j, pose, scaled)
 
     def relative(
-        self, before: Sighting, now: Sighting, rng: np.random.Generator
+        self, before: ImageFeatures, now: ImageFeatures, rng: np.random.Generator
     ) -> tuple[RelativePose, Floats, Floats]:
-        """The relative pose, and the directions (K, 3) before and after of the matches that agree with it."""
-        i, j = matched(before, now, self.ratio)
-        p, q = on_sphere(before)[i], on_sphere(now)[j]
-        pose = pose_of(p, q, rng, self.solver, self.tolerance_deg, self.draws, self.least_matches, ALIKE)
+        """The relative pose, and the directions (K, 3) of its inliers before and now."""
+        i, j = match_features(before, now, self.ratio)
+        p, q = directions_of(before)[i], directions_of(now)[j]
+        pose = pose_of(p, q, rng, self.solver, self.tolerance_deg, self.draws, self.least_matches, CORRELATED)
         return pose, p[pose.agree], q[pose.agree]
 
-    def _motion(self, before: Sighting, now: Sighting, i: Ints, j: Ints, pose: RelativePose, step: Step) -> Motion:
-        vector, covariance = propagated(pose, step)
+    def _motion(
+        self, before: ImageFeatures, now: ImageFeatures, i: Ints, j: Ints, pose: RelativePose, step: GroundStep
+    ) -> Motion:
+        vector, covariance = propagate(pose, step)
         matches = np.stack([before.azimuth_level[i], now.azimuth_level[j]], axis=1)
         features = len(before.azimuth_level) + len(now.azimuth_level)
         return Motion(vector, covariance, self._unit, step.failed, matches, pose.agree, features)
@@ -116,21 +126,21 @@ class PlanarEpipolar:
         return "camera heights" if self.height_m is None else "m"
 
 
-def _poc_step(before: Sighting, now: Sighting) -> Step:
-    if before.radon is None or now.radon is None:
-        raise ConfigError("length=poc was given images that were looked at with length=floor; use one for both")
+def _poc_step(before: ImageFeatures, now: ImageFeatures) -> GroundStep:
+    if not (isinstance(before, RadonFeatures) and isinstance(now, RadonFeatures)):
+        raise ConfigError("length=poc was given features that were extracted with length=floor; use one for both")
     places = Signatures(before.radon[None])
     distance = float(PocSquared().match(Signatures(now.radon[None]), PocSquared().prepare(places)).distance[0, 0])
-    return Step(distance, (POC_SPREAD * distance) ** 2, 0)
+    return GroundStep(distance, (POC_SPREAD * distance) ** 2, 0)
 
 
-def propagated(pose: RelativePose, step: Step) -> tuple[Floats, Floats]:
-    """x, y and heading (3,), NaN where they are not told, and their covariance (3, 3), infinite there."""
+def propagate(pose: RelativePose, step: GroundStep) -> tuple[Floats, Floats]:
+    """x, y and heading (3,), NaN where their estimate failed, and their covariance (3, 3), infinite there."""
     c, s, d = np.cos(pose.beta), np.sin(pose.beta), step.length
     vector = np.array([d * c, d * s, pose.phi])
     if step.failed:
-        told = np.isfinite(pose.phi)
-        return vector, np.diag([np.inf, np.inf, pose.covariance[0, 0] if told else np.inf])
+        known = np.isfinite(pose.phi)
+        return vector, np.diag([np.inf, np.inf, pose.covariance[0, 0] if known else np.inf])
     J = np.array([[c, -d * s, 0], [s, d * c, 0], [0, 0, 1]])  # by length, direction, heading
     inner = np.zeros((3, 3))
     inner[0, 0] = step.variance

@@ -1,4 +1,4 @@
-"""Odometry that is the truth with noise."""
+"""Simulated odometry: the true motion with noise."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from omnilab.posegraph.graph import inverse, vectors
 
 @dataclass
 class Simulated:
-    """What wheels might tell: the true motion in the plane, in metres, with normal noise from the run's seed.
+    """Simulated wheel odometry: the true motion in the plane, in metres, with normal noise from the run's seed.
 
-    x and y are off by a share of the step, the heading by a constant and a share of the turn, independently; the
-    covariance is that of this noise. `scale` is a steady error of all lengths, of which the covariance knows nothing.
+    x and y are off by a share of the step, the heading by a constant and a share of the rotation, independently; the
+    covariance is that of this noise. `scale` is a systematic error of all lengths, which the covariance leaves out.
     """
 
     translation_noise: float = 0.05  # standard deviation of x and of y, as a share of the step
     still_noise_m: float = 0.001  # and at least, of a step of no length
-    heading_noise_deg: float = 0.5  # standard deviation of the heading, however little the camera turns
-    turn_noise: float = 0.02  # and besides, as a share of the turn
+    heading_noise_deg: float = 0.5  # standard deviation of the heading, at least
+    turn_noise: float = 0.02  # and as a share of the rotation
     scale: float = 1.0  # what all lengths are multiplied by
 
     def __post_init__(self) -> None:

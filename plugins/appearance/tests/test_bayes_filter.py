@@ -9,7 +9,7 @@ from omnilab.api import Match, Places, Signatures
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses
 from omnilab.testing import check_localizer
-from omnilab_appearance import Filter
+from omnilab_appearance import BayesFilter
 
 LINE = planar_poses(np.column_stack([np.arange(12.0), np.zeros(12), np.ones(12)]))
 
@@ -40,11 +40,11 @@ def seen(*alike):
 
 
 def test_keeps_the_contract():
-    check_localizer(Filter())
+    check_localizer(BayesFilter())
 
 
-def test_two_places_alike_are_told_apart_by_what_came_before():
-    follow = Filter()
+def test_two_places_alike_are_distinguished_by_what_came_before():
+    follow = BayesFilter()
     found = follow.locate(seen([2], [3, 9], [4, 10]), follow.prepare(line(), Given()))
     assert found.place.tolist() == [2, 3, 4]
     alone = follow.locate(seen([3, 9]), follow.prepare(line(), Given()))
@@ -52,7 +52,7 @@ def test_two_places_alike_are_told_apart_by_what_came_before():
 
 
 def test_odometry_tells_which_way_it_went():
-    follow = Filter(motion_m=0.3)
+    follow = BayesFilter(motion_m=0.3)
     for forward, expected in ((2.0, 7), (-2.0, 3)):
         index = follow.prepare(line(), Given())
         found = follow.track(seen([5], [3, 7]), index, np.array([[np.nan] * 3, [forward, 0.0, 0.0]]))
@@ -60,7 +60,7 @@ def test_odometry_tells_which_way_it_went():
 
 
 def test_odometry_is_in_the_frame_of_the_camera():
-    follow = Filter(motion_m=0.3)
+    follow = BayesFilter(motion_m=0.3)
     index = follow.prepare(line(), Given(rotation=np.pi / 2))  # the camera looks along +y: its right is +x
     found = follow.track(seen([5], [3, 7]), index, np.array([[np.nan] * 3, [0.0, -2.0, 0.0]]))
     assert found.place.tolist() == [5, 7]
@@ -68,13 +68,13 @@ def test_odometry_is_in_the_frame_of_the_camera():
 
 
 def test_one_that_was_carried_away_is_found_again():
-    follow = Filter()
+    follow = BayesFilter()
     found = follow.locate(seen([0], [1], [10], [11]), follow.prepare(line(), Given()))
     assert found.place.tolist()[-1] == 11
 
 
 def test_beliefs_sum_to_one_and_follow_bayes():
-    follow = Filter(motion_m=1.0, lost=0.1, certainty=2.0)
+    follow = BayesFilter(motion_m=1.0, lost=0.1, certainty=2.0)
     index = follow.prepare(line(), Given())
     found = follow.locate(seen([4], [6]), index)
     apart = np.abs(np.subtract.outer(np.arange(12), np.arange(12)))
@@ -86,7 +86,7 @@ def test_beliefs_sum_to_one_and_follow_bayes():
 
 
 def test_places_that_are_all_alike_say_nothing():
-    follow = Filter()
+    follow = BayesFilter()
     index = follow.prepare(line(), Given())
     follow.locate(seen([4]), index)
     found = follow.locate(seen(range(12)), index)
@@ -97,9 +97,9 @@ def test_places_that_are_all_alike_say_nothing():
 @pytest.mark.parametrize("settings", [{"motion_m": 0.0}, {"certainty": 0.0}, {"lost": 0.0}, {"lost": 1.0}])
 def test_settings_that_follow_nothing_are_refused(settings):
     with pytest.raises(ConfigError, match="follow nothing"):
-        Filter(**settings)
+        BayesFilter(**settings)
 
 
 def test_a_map_of_one_place_has_no_step():
     with pytest.raises(DataError, match="motion_m"):
-        Filter().prepare(line(1), Given())
+        BayesFilter().prepare(line(1), Given())
