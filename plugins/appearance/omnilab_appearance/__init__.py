@@ -3,6 +3,9 @@
 Each folder imports its components; all of them are registered, and importable from here.
 """
 
+from typing import Any
+
+from omnilab import renamed
 from omnilab.hooks import Register, hookimpl, register_all
 from omnilab_appearance import (
     altimeters,
@@ -55,3 +58,8 @@ def register_odometries(register: Register) -> None:
 @hookimpl
 def register_loop_closures(register: Register) -> None:
     register_all(register, loop_closures, formerly={"geometric_verification": "verified"})
+
+
+def __getattr__(name: str) -> Any:
+    """Names of the version before."""
+    return renamed.attribute(__name__, name, {"Filter": "BayesFilter", "Verified": "GeometricVerification"})
