@@ -20,7 +20,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import is_dataclass
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import ModuleType
 from typing import Any, Protocol
 
 import pluggy
@@ -66,10 +66,10 @@ class Runs(Protocol):
         """The folder of a run, its logs mended first if it was killed; DataError if there is none."""
 
 
-def hookspecs() -> SimpleNamespace:
+def hookspecs() -> type[Any]:
     """The specifications of all hooks, for pluggy."""
     specified = {kind.hook: _of_kind(kind) for kind in KINDS.values()}
-    return SimpleNamespace(**specified, register_commands=hookspec(register_commands))
+    return type("Hooks", (), specified | {COMMANDS_HOOK: hookspec(register_commands)})
 
 
 def _of_kind(kind: Kind) -> Any:

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
         """The configuration of a run: its settings, and the slots and dictionaries of `KINDS`."""
 
         def __getattr__(self, name: str) -> Any: ...
+        def __setattr__(self, name: str, value: Any) -> None: ...
 
 else:
     own, types = fields(Settings), get_type_hints(Settings)

@@ -76,7 +76,7 @@ def find_candidates(
     retrieval: Method, places: DescribedImages, queries: DescribedImages, count: int, record: Recorder
 ) -> Candidates:
     """The `count` places that are most alike to each query by the retrieval method."""
-    index = prepared(retrieval, places.signatures[retrieval.descriptor_name], turning=True)
+    index = prepared(retrieval, places.signatures[retrieval.descriptor_name], rotated=True)
     start = time.perf_counter()
     with record.timed("search", len(queries.position_m)):
         match = retrieval.distance.match(queries.signatures[retrieval.descriptor_name], index)

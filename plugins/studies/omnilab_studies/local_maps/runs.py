@@ -48,7 +48,7 @@ class LocalMapRuns:
 
     def _is_suited(self, method: Method, candidates: Candidates) -> bool:
         try:
-            prepared(method, candidates.places.signatures[method.descriptor_name], turning=True)
+            prepared(method, candidates.places.signatures[method.descriptor_name], rotated=True)
         except DataError as reason:
             self.unsuited[method.name] = f"{method.name}: {reason}"
         return method.name not in self.unsuited

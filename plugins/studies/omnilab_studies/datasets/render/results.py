@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from omnilab.api import Metric, Plan, Report
-from omnilab_studies.common import plots
 from omnilab_studies.common.dataset_files import DataSet
 from omnilab_studies.common.samples import evenly
 from omnilab_studies.common.tables import markdown_table
+from omnilab_studies.datasets.render import figures
 from omnilab_studies.datasets.render.dataset_writer import RenderedFrames
 
 
@@ -21,9 +21,9 @@ def report_of(data: DataSet, rendered: RenderedFrames, plan: Plan, cloud_points:
     ]
     if cloud_points is not None:
         metrics.append(Metric("cloud_points", cloud_points, "1"))
-    chosen = numbers[evenly(len(numbers), plots.SHEET)]
+    chosen = numbers[evenly(len(numbers), figures.SHEET)]
     poses = plan.T_world_camera
-    sheet = plots.sheet(
+    sheet = figures.sheet(
         [data.read(n) for n in chosen.tolist()],
         chosen,
         None if poses is None else poses[numbers],

@@ -53,7 +53,7 @@ class Where(Enum):
     """Where images are taken."""
 
     grid = "grid"  # rows and columns at one height
-    column_poses = "column"  # floor positions at many heights
+    column = "column"  # floor positions at many heights
     path = "path"  # poses of a file
     random = "random"
     recorded = "recorded"  # all that the sensor recorded
@@ -72,16 +72,16 @@ SETTINGS = {  # of each layout
 class Render:
     """Writes a data set: images, poses with 6 degrees of freedom, calibration and, where the sensor has it, depth.
 
-    `layout=grid` takes step_m or every, extent_m, height_m; `column_poses` positions_m, heights_m; `path` a path of the world or a file of poses;
+    `layout=grid` takes step_m or every, extent_m, height_m; `column` positions_m, heights_m; `path` a path of the world or a file of poses;
     `random` count, heading_step_deg, extent_m, height_m; `recorded` all that a recording holds. An unfinished data set is
     resumed: the same command again renders what is missing, another one in the same folder is refused. Disturbances are
     applied to the images. The files are described in docs/datasets.md; the sensor `folder` reads them.
     """
 
     folder: str = "???"  # of the data set: new, or one begun with the same settings
-    layout: Where = Where.grid  # or column_poses, path, random, recorded
+    layout: Where = Where.grid  # or column, path, random, recorded
     step_m: float | None = None  # of the grid; null: 0.4
-    every: int | None = None  # grid: each n-th row and column_poses of a recording
+    every: int | None = None  # grid: each n-th row and column of a recording
     extent_m: list[float] | None = None  # x and y size of the area; null: all that the sensor covers
     height_m: float | None = None  # of the viewpoint; null: the sensor's own
     positions_m: list[Any] | None = None  # [[x, y], ...] of columns; null: the world's origin

@@ -26,9 +26,9 @@ from omnilab.cameras import RayCamera
 from omnilab.errors import ConfigError
 from omnilab.geometry import poses, rotation_xyz
 from omnilab.image import panorama, point_cloud, to_color
-from omnilab_studies.common import plots
 from omnilab_studies.common.frames import deliver
 from omnilab_studies.common.tables import markdown_table
+from omnilab_studies.datasets.views import figures
 from omnilab_studies.datasets.views.layout import layout_of
 
 FIGURE_3_10 = [  # the thesis's, from a place that is clear in both rooms: up by 0.4 m, 1.5 m aside, rotated by 60 and 50 degrees
@@ -84,9 +84,9 @@ class Views:
 
     def _report(self, images: list[Bytes], unwrapped: list[Bytes], clouds: list[PointCloud]) -> Report:
         metrics = _metrics(images, clouds)
-        drawn: dict[str, Any] = {"views": plots.views(images, unwrapped, self.poses)}
+        drawn: dict[str, Any] = {"views": figures.views(images, unwrapped, self.poses)}
         if clouds:
-            drawn["cloud"] = plots.cloud(clouds[0].points_m, clouds[0].colors)
+            drawn["cloud"] = figures.cloud(clouds[0].points_m, clouds[0].colors)
         return Report(metrics, {}, drawn, summary=_summary(metrics, self.poses))
 
     def _clouds(self, frames: Frames, rng: np.random.Generator) -> list[PointCloud]:
