@@ -70,3 +70,15 @@ def test_contributing_names_files_that_exist():
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     for path in re.findall(r"`((?:omnilab|plugins|conf|tests)/[\w/.]+)`", text):
         assert (ROOT / path.replace("NAME", "quickstart")).exists(), path
+
+
+def test_every_step_of_a_journey_is_a_function_of_its_file():
+    text = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
+    steps = re.findall(r"`((?:omnilab|plugins)/[\w/]+\.py)(?::(\w+))?`((?:(?:,| and) `\w+`)*)", text)
+    assert len(steps) > 35
+    for path, name, more in steps:
+        source = (ROOT / path).read_text(encoding="utf-8")
+        for function in filter(None, [name, *re.findall(r"`(\w+)`", more)]):
+            assert re.search(rf"^\s*def {function}\(", source, re.MULTILINE), f"{path} has no {function}"
+    for folder in re.findall(r"`(plugins/[\w/]+/)`", text):
+        assert (ROOT / folder).is_dir()

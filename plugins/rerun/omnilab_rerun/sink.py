@@ -151,6 +151,7 @@ class RerunSink:
         self._lay_out()
         self.flush()
         self._stream.disconnect()
+        del self._stream  # sinks pickle, streams do not
 
     def _abandon(self) -> None:
         """Let go of a stream whose file cannot be written: rerun waits for its dead writer, even when Python ends."""
