@@ -88,7 +88,9 @@ def test_a_run_is_built_again_as_it_was(name, here):
     run = again(first.config, first.manifest, registry)
     assert with_whole_paths(yaml.safe_load(resolved_yaml(run))) == with_whole_paths(first.config)
     now = {slot: component["name"] for slot, component in named_components(run, registry).items()}
-    assert now == {slot: component["name"] for slot, component in first.manifest["components"].items()}
+    renamed = {old: new for (_, old), new in registry.formerly.items()}
+    before = {slot: component["name"] for slot, component in first.manifest["components"].items()}
+    assert now == {slot: renamed.get(name, name) for slot, name in before.items()}
 
 
 # --------------------------------------------------------------------------------------------------------- repeating
