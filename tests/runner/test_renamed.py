@@ -180,3 +180,35 @@ def test_a_descriptor_with_nonsense_is_not_adapted() -> None:
 
     with pytest.raises(Exception, match=r"lacks rotation \(`turned` is called `rotation` now\)"):
         check_component("descriptor", "odd", Odd)
+
+
+# ---------------------------------------------------------------------------------------------- names that users type
+def test_a_component_is_chosen_by_its_old_name(omnilab_here: Callable[..., Any], tmp_path: Path) -> None:
+    rc, _, err = omnilab_here(*SMALL, "localizer=filter")
+    assert rc == 0, err
+    assert "omnilab: localizer 'filter' is called 'bayes_filter' now; write localizer=bayes_filter" in err.splitlines()
+    rc, out, err = omnilab_here("plugins", "verified")
+    assert (rc, err) == (0, "")
+    assert "loop_closure=geometric_verification" in out
+
+
+def test_an_old_name_is_not_listed(omnilab_here: Callable[..., Any]) -> None:
+    rc, out, _ = omnilab_here("--help")
+    assert rc == 0
+    assert "bayes_filter" in out
+    assert " filter," not in out
+
+
+@pytest.mark.parametrize(
+    ("package", "old", "new"),
+    [
+        ("omnilab_appearance", "Filter", "BayesFilter"),
+        ("omnilab_appearance", "Verified", "GeometricVerification"),
+        ("omnilab_studies", "MakeMap", "MapStudy"),
+        ("omnilab_studies", "Trajectory", "TrajectoryStudy"),
+    ],
+)
+def test_a_class_of_a_plugin_has_its_old_name_too(package: str, old: str, new: str) -> None:
+    found = importlib.import_module(package)
+    with pytest.warns(FutureWarning, match=f"{package}.{old} is called {new} now"):
+        assert getattr(found, old) is getattr(found, new)

@@ -123,6 +123,7 @@ class DataSet:
                 f"{self.folder / ABOUT} describes no data set ({type(error).__name__}: {error}); give a new {self.setting}"
             ) from None
         old, new = dict(_flat(there)), dict(_flat(json.loads(json.dumps(contents, default=str))))
+        old |= {key: _class_name(str(old[key])) for key in old if key.rpartition(".")[2] == "class"}
         for key in [*old, *new]:
             if old.get(key) != new.get(key):
                 raise DataError(
@@ -177,7 +178,12 @@ def describe_camera(camera: Camera) -> dict[str, Any]:
 
 def component_settings(part: Any) -> dict[str, Any]:
     """Class and settings of a component, which identify it."""
-    return {"class": f"{type(part).__module__}.{type(part).__qualname__}", **asdict(part)}
+    return {"class": _class_name(f"{type(part).__module__}.{type(part).__qualname__}"), **asdict(part)}
+
+
+def _class_name(path: str) -> str:
+    """Package and name of a class: in which of the package's modules it lies may change."""
+    return f"{path.partition('.')[0]}.{path.rpartition('.')[2]}"
 
 
 def _flat(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
