@@ -1,4 +1,4 @@
-"""What can go wrong by no fault of ours. The command line shows these as one sentence and ends with exit code 2."""
+"""Errors in the user's input, data or plugins. The command line shows these as one sentence and ends with exit code 2."""
 
 from __future__ import annotations
 

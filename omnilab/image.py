@@ -1,4 +1,4 @@
-"""What is done to images before they are described or logged: grey levels, views, panoramas, JPEG. Imports no camera model.
+"""Images before they are described or logged: grey levels, views, panoramas, JPEG. Imports no camera model.
 
 Conventions (azimuth, image axes, frames) are those of `omnilab.api`.
 """

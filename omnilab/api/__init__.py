@@ -1,4 +1,4 @@
-"""What passes between components: the data, the records for the logs, and one Protocol per kind.
+"""The contract between components, studies and the runner: data, records for the logs, one Protocol per kind.
 
 Shapes, units and frames are stated here and only here.
 

@@ -1,4 +1,4 @@
-"""What passes between components: frames, signatures, places, matches, motions, pose graphs."""
+"""Data types: frames, signatures, places, matches, motions, image features, pose graphs."""
 
 from __future__ import annotations
 

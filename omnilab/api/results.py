@@ -1,4 +1,4 @@
-"""What a study returns, and the recorder that it logs to."""
+"""Results of a study, and the recorder that it logs to."""
 
 from __future__ import annotations
 

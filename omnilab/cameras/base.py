@@ -1,4 +1,4 @@
-"""What cameras share: each pixel is a ray. Also uncalibrated circles, and panoramas as cameras.
+"""Base classes of cameras: each pixel is a ray. Also uncalibrated circles, and panoramas as cameras.
 
 `directions` gives each pixel its unit direction in the camera frame, `pixels` is its inverse; NaN where there is none.
 Conventions (azimuth, image axes, frames) are those of `omnilab.api`; a model whose literature has others says so.

@@ -1,4 +1,4 @@
-"""What a component's results depend on beside what it is given: settings, files, source code, versions, the machine."""
+"""The fingerprint of a component, for cache keys: settings, files, source code, versions, the processor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the command line prints."""
+"""Tables, errors and results on the terminal."""
 
 from __future__ import annotations
 

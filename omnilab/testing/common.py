@@ -1,4 +1,4 @@
-"""What the conformance checks share: test images, generators, comparisons."""
+"""Test images, random generators and comparisons of the conformance checks."""
 
 from __future__ import annotations
 

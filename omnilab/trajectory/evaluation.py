@@ -1,4 +1,4 @@
-"""How good a trajectory is: alignment, absolute and relative errors, drift; and trajectories as text.
+"""Evaluation of trajectories: alignment, absolute and relative errors (ATE, RPE), drift.
 
 Trajectories are poses (N, 4, 4), estimate and truth of the same instants. Errors are those of Sturm et al. (2012) and
 Geiger et al. (2012), as evo computes them.

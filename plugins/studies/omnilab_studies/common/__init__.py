@@ -1,1 +1,1 @@
-"""What several studies share."""
+"""Modules that several studies share: describing, methods under comparison, scores, tables, plots."""

@@ -1,4 +1,4 @@
-"""What studies log alike: layout and room, and one frame with image, panorama, signature and pose."""
+"""Logging that studies share: layout and room, and one frame with image, panorama, signature and pose."""
 
 from __future__ import annotations
 
