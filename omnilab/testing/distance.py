@@ -25,8 +25,8 @@ def check_distance(distance: Any, signatures: Signatures | None = None, equivari
     expect(bool(np.isfinite(match.distance).all()), "distances hold NaN or infinity")
     itself = match.distance.argmin(axis=1)
     expect(bool((itself == np.arange(count)).all()), "a place is not the nearest to itself")
-    again = distance.match(places[:5], index)
-    expect(bool(np.allclose(again.distance, match.distance[:5], rtol=1e-4, atol=1e-4 * match.distance.max())),
+    again = distance.match(places[:5], index)  # in single precision, a distance near 0 is rounding (see `Euclidean`)
+    expect(bool(np.allclose(again.distance, match.distance[:5], rtol=1e-4, atol=1e-3 * match.distance.max())),
             "a part of the queries gives other distances than all of them")  # fmt: skip
     blank = distance.match(Signatures(np.zeros_like(places.place)), index)
     expect(bool(np.isfinite(blank.distance).all()), "signatures of zeros give NaN or infinity")

@@ -26,7 +26,7 @@ class Rows:
     """Means of the rows, and of the columns."""
     power: int = 1
     model: str = ""
-    view, color, turned, default_distance = "panorama", False, "same", "euclidean"
+    view, color, rotation, default_distance = "panorama", False, "invariant", "euclidean"
     def __post_init__(self):
         self.batches = []  # a copy counts along
     def describe(self, images):

@@ -31,7 +31,7 @@ class Mean:
     """The mean grey level."""
 
     gain: float = 1.0  # what it is multiplied with
-    view, color, turned, default_distance = "mirror", False, "same", "euclidean"
+    view, color, rotation, default_distance = "mirror", False, "invariant", "euclidean"
 
     def describe(self, images):
         return Signatures(self.gain * images.mean(axis=(1, 2), dtype=np.float32)[:, None])
@@ -65,8 +65,8 @@ BROKEN = {  # what a plugin's file adds to Mean: words of the sentence about it
         "sink 'mean' (Mean) lacks open, write, flush, close, repair",
         "omnilab.api",
     ],
-    "del Mean.turned\n@hookimpl\ndef register_descriptors(register): register('mean', Mean)": [
-        "descriptor 'mean' (Mean) lacks turned; see Descriptor in omnilab.api"
+    "del Mean.rotation\n@hookimpl\ndef register_descriptors(register): register('mean', Mean)": [
+        "descriptor 'mean' (Mean) lacks rotation; see Descriptor in omnilab.api"
     ],
     "@dataclass\nclass Bad(Mean):\n  mode: Literal['a'] = 'a'\n"
     "@hookimpl\ndef register_descriptors(register): register('bad', Bad)": ["Bad", "mode", "Literal"],
