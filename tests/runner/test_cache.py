@@ -79,7 +79,7 @@ def test_signatures_in_another_order_in_memory_stay_as_they_are(probe, cache, im
 def test_a_wrapped_descriptor_is_one_of_its_class(probe, cache, images):
     wrapped = cache().wrap(probe.Rows(power=3))
     assert isinstance(wrapped, probe.Rows)
-    assert (wrapped.power, wrapped.view, wrapped.color, wrapped.turned) == (3, "panorama", False, "same")
+    assert (wrapped.power, wrapped.view, wrapped.color, wrapped.rotation) == (3, "panorama", False, "invariant")
     assert (type(wrapped).__name__, repr(wrapped)) == ("Rows", repr(probe.Rows(power=3)))
 
 

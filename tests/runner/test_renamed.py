@@ -119,6 +119,7 @@ def test_a_plugin_of_before_runs_as_a_file(
     ]
 
 
+@pytest.mark.slow
 def test_a_plugin_of_before_runs_as_a_distribution(
     omnilab: Callable[..., Any], tmp_path: Path, installer: list[str]
 ) -> None:
