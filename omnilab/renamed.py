@@ -9,7 +9,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from importlib import import_module
-from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any
@@ -88,11 +87,17 @@ def hint(cls: type[Any], lacking: Sequence[str]) -> str:
     return f" ({'; '.join(found)})" if found else ""
 
 
-class Finder(MetaPathFinder, Loader):
-    """Imports a module by its old name: one that takes its attributes from where they are now."""
+class Finder:
+    """Imports a module by its old name: one that takes its attributes from where they are now.
+
+    A finder and loader by its methods alone: `importlib.abc` takes as long to import as all of the contract's types.
+    """
 
     def find_spec(self, fullname: str, path: Any = None, target: Any = None) -> ModuleSpec | None:  # noqa: ARG002
-        return ModuleSpec(fullname, self) if fullname in MODULES else None
+        return ModuleSpec(fullname, self) if fullname in MODULES else None  # type: ignore[arg-type]
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType | None:  # noqa: ARG002
+        return None
 
     def exec_module(self, module: ModuleType) -> None:
         homes = MODULES[module.__name__]

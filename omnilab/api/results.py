@@ -37,7 +37,7 @@ class Report:
 
 
 class Recorder(Protocol):
-    """What a study gets to tell the world how it goes."""
+    """The log of a run, as a study sees it: records, progress, times."""
 
     def log(self, path: str, record: Record, tick: Tick | None = None) -> None:
         """Hand one record to every sink. Without a tick it holds for the whole run."""
