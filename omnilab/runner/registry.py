@@ -13,7 +13,7 @@ import os
 import re
 import sys
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import PackageNotFoundError, entry_points, requires
@@ -273,7 +273,7 @@ def check_component(kind: str, name: str, cls: type[Any]) -> None:
 
 
 @cache
-def _node(cls: type[Any]) -> DictConfig:
+def _node(cls: Hashable) -> DictConfig:
     """A component's class as a node of the configuration; made once, for it takes half of the time of a start."""
     node = OmegaConf.structured(cls)
     assert isinstance(node, DictConfig)

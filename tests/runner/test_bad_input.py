@@ -193,6 +193,7 @@ def test_a_bad_image_among_good_ones_is_named(refused, recording, damage, name):
     assert "sensor.on_bad_image=skip" in sentence
 
 
+@pytest.mark.slow
 def test_bad_images_are_skipped_and_counted(omnilab_here, recording, tmp_path):
     truncate(recording / "06.png")
     overwrite(recording / "12.png")
@@ -299,6 +300,7 @@ def test_a_run_without_a_recording_cannot_be_viewed(omnilab_here, refused):
     assert "sink rerun" in sentence
 
 
+@pytest.mark.slow
 def test_a_damaged_file_of_a_run_is_named_and_hides_no_other_run(omnilab_here, refused, tmp_path):
     for _ in range(2):
         assert omnilab_here(*SMALL, "~sinks.rerun", "~sinks.mcap").rc == 0
@@ -339,6 +341,7 @@ def test_runs_of_a_folder_that_does_not_exist(refused):
     assert "there is no folder nowhere" in refused("runs", "nowhere")
 
 
+@pytest.mark.slow
 def test_a_sweep_over_experiments_has_one_folder(omnilab_here, tmp_path):
     rest = [o for o in SMALL if not o.startswith("experiment=")]
     done = omnilab_here("-m", *rest, "experiment=quickstart,grid", "~sinks.rerun", "~sinks.mcap")

@@ -73,7 +73,9 @@ def check_rrd(run: LoadedRun) -> None:
     assert len(list(RrdReader(run.folder / "run.rrd").stream().to_chunks())) > 10
 
 
-@pytest.mark.parametrize("method", ["open", "write", "flush", "close"])
+@pytest.mark.parametrize(
+    "method", ["write", *(pytest.param(m, marks=pytest.mark.slow) for m in ("open", "flush", "close"))]
+)
 def test_a_full_disk_costs_one_sink_and_no_more(omnilab_here, tmp_path, monkeypatch, method):
     (tmp_path / "full.py").write_text(DISK_FULL)
     monkeypatch.setenv("OMNILAB_PLUGINS", "full.py")
@@ -87,7 +89,9 @@ def test_a_full_disk_costs_one_sink_and_no_more(omnilab_here, tmp_path, monkeypa
     check_rrd(run)
 
 
-@pytest.mark.parametrize(("name", "file"), [("rerun", "run.rrd"), ("mcap", "run.mcap")])
+@pytest.mark.parametrize(
+    ("name", "file"), [("rerun", "run.rrd"), pytest.param("mcap", "run.mcap", marks=pytest.mark.slow)]
+)
 def test_a_path_that_cannot_be_written_costs_one_sink(omnilab_here, tmp_path, name, file):
     """A folder lies where the file should go."""
     folder = tmp_path / "given"
@@ -135,7 +139,9 @@ def test_both_logs_on_a_disk_that_fills_up(omnilab_here, tmp_path):
     check_rrd(run)
 
 
-@pytest.mark.parametrize(("name", "file"), [("rerun", "run.rrd"), ("mcap", "run.mcap")])
+@pytest.mark.parametrize(
+    ("name", "file"), [("rerun", "run.rrd"), pytest.param("mcap", "run.mcap", marks=pytest.mark.slow)]
+)
 def test_a_sink_left_out_writes_nothing(omnilab_here, tmp_path, name, file):
     result = omnilab_here(*SMALL, f"~sink@sinks.{name}")
     assert result.rc == 0, result.stderr

@@ -49,6 +49,7 @@ def test_the_distribution_is_listed_with_its_origin(with_tiny: Callable[..., Any
     assert "The panorama as a tiny image" in out
 
 
+@pytest.mark.slow
 def test_it_runs_with_its_own_default_distance(with_tiny: Callable[..., Any], tmp_path: Path) -> None:
     rc, _, err = with_tiny(*SMALL, "descriptor=tiny", "descriptor.columns=64")
     assert rc == 0, err
