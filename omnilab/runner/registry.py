@@ -13,9 +13,8 @@ import os
 import re
 import sys
 import traceback
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from functools import cache
 from importlib.metadata import PackageNotFoundError, entry_points, requires
 from pathlib import Path
 from types import ModuleType
@@ -272,12 +271,14 @@ def check_component(kind: str, name: str, cls: type[Any]) -> None:
         ) from error
 
 
-@cache
-def _node(cls: Hashable) -> DictConfig:
+def _node(cls: type[Any]) -> DictConfig:
     """A component's class as a node of the configuration; made once, for it takes half of the time of a start."""
-    node = OmegaConf.structured(cls)
-    assert isinstance(node, DictConfig)
-    return node
+    if cls not in _NODES:
+        _NODES[cls] = OmegaConf.structured(cls)
+    return _NODES[cls]
+
+
+_NODES: dict[Any, DictConfig] = {}
 
 
 def members(protocol: type[Any]) -> list[str]:
