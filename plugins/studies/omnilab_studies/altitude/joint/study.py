@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from omnilab.api import Parts, PlaceMap, Plan, RandomPoses, Recorder, Report, Series, Tick
+from omnilab.api import Parts, PlaceMap, Plan, Recorder, Report, Series, Tick
 from omnilab.errors import ConfigError
 from omnilab_studies.altitude.joint import figures
 from omnilab_studies.altitude.joint.layout import LAYOUT
@@ -18,6 +18,7 @@ from omnilab_studies.common.frames import deliver_queries
 from omnilab_studies.common.grids import check_extent, check_step, grid_poses
 from omnilab_studies.common.localization_run import LocalizationRun, estimate_of
 from omnilab_studies.common.logs import show_frame
+from omnilab_studies.common.pose_sources import random_poses
 from omnilab_studies.common.scores import joined_estimates, score
 from omnilab_studies.common.tables import columns_of, markdown
 
@@ -78,11 +79,9 @@ class Joint:
 
     def _query_plans(self, parts: Parts, seed: int) -> list[Plan]:
         """Random poses at each height."""
-        extent = None if self.extent_m is None else (self.extent_m[0], self.extent_m[1])
-        return [
-            parts.sensor.plan(RandomPoses(self.query_count, seed + i, None, extent, self.height_m + offset))
-            for i, offset in enumerate(self.offsets_m)
-        ]
+        heights = [self.height_m + offset for offset in self.offsets_m]
+        requests = [random_poses(self.query_count, seed + i, None, self.extent_m, z) for i, z in enumerate(heights)]
+        return [parts.sensor.plan(request) for request in requests]
 
 
 def _localize(parts: Parts, run: LocalizationRun, plan: Plan, offset_m: float, seed: int, step: int) -> JointResult:

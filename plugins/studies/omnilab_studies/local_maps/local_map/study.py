@@ -13,7 +13,6 @@ from omnilab.api import (
     Parts,
     PlaceMap,
     Plan,
-    RandomPoses,
     Recorder,
     Report,
     Series,
@@ -25,6 +24,7 @@ from omnilab_studies.common.frames import deliver, deliver_queries
 from omnilab_studies.common.grids import check_extent, check_step, grid_poses
 from omnilab_studies.common.logs import show_picture
 from omnilab_studies.common.methods import Method, descriptors_of, fitted_all, methods_of
+from omnilab_studies.common.pose_sources import random_poses
 from omnilab_studies.local_maps import figures
 from omnilab_studies.local_maps.candidates import (
     Candidates,
@@ -131,9 +131,8 @@ class LocalMap:
 
     def _queries(self, parts: Parts, grids: Mapping[float, Plan], rng: np.random.Generator) -> tuple[Parts, Plan]:  # noqa: ARG002
         """The parts that deliver the queries, and the plan of these."""
-        extent_m = None if self.extent_m is None else (self.extent_m[0], self.extent_m[1])
-        layout = RandomPoses(self.query_count, int(rng.integers(2**32)), None, extent_m, self.height_m)
-        return parts, parts.sensor.plan(layout)
+        request = random_poses(self.query_count, int(rng.integers(2**32)), None, self.extent_m, self.height_m)
+        return parts, parts.sensor.plan(request)
 
     def _describe_places(
         self, parts: Parts, step_m: float, grid: Plan, methods: Sequence[Method], record: Recorder
