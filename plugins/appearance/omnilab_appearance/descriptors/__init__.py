@@ -1,4 +1,7 @@
-"""Global-appearance and local-feature descriptors."""
+"""Global-appearance and local-feature descriptors.
+
+What is imported here is registered, by the name of its class in snake case.
+"""
 
 from omnilab_appearance.descriptors.fourier_signature import FourierSignature as FourierSignature
 from omnilab_appearance.descriptors.gist import Gist as Gist

@@ -1,4 +1,7 @@
-"""Distances between signatures."""
+"""Distances between signatures.
+
+What is imported here is registered, by the name of its class in snake case.
+"""
 
 from omnilab_appearance.distances.cosine import Cosine as Cosine
 from omnilab_appearance.distances.euclidean import Euclidean as Euclidean

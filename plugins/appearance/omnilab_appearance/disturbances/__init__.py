@@ -1,4 +1,7 @@
-"""Image disturbances."""
+"""Image disturbances.
+
+What is imported here is registered, by the name of its class in snake case.
+"""
 
 from omnilab_appearance.disturbances.blur import Blur as Blur
 from omnilab_appearance.disturbances.color_shift import ColorShift as ColorShift

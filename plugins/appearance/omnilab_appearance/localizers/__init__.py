@@ -1,4 +1,7 @@
-"""Localizers."""
+"""Localizers.
+
+What is imported here is registered, by the name of its class in snake case.
+"""
 
 from omnilab_appearance.localizers.bayes_filter import BayesFilter as BayesFilter
 from omnilab_appearance.localizers.hierarchical import Hierarchical as Hierarchical

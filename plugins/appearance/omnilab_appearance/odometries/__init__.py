@@ -1,4 +1,7 @@
-"""Visual and simulated odometry."""
+"""Visual and simulated odometry.
+
+What is imported here is registered, by the name of its class in snake case.
+"""
 
 from omnilab_appearance.odometries.appearance import Appearance as Appearance
 from omnilab_appearance.odometries.appearance_fit import AppearanceFit as AppearanceFit
