@@ -57,7 +57,7 @@ def test_what_does_not_fit_is_left_out(parts, plain):
     parts.distances.update(apart=plain["Apart"](), picky=plain["Picky"](), turning=plain["Turning"]())
     report = run(parts)
     metrics = {m.name: m.value for m in report.metrics}
-    assert (metrics["methods"], metrics["misfits"]) == (4, 5)  # the blind one tells no distance from another
+    assert (metrics["contestants"], metrics["misfits"]) == (4, 5)  # the blind one tells no distance from another
     assert set(report.figures) == {"times", "pareto"}
 
 

@@ -124,7 +124,7 @@ def test_what_is_known_comes_out(parts):
     metrics = {m.name: m.value for m in report.metrics}
     assert metrics["r2_best"] == pytest.approx(1)
     assert metrics["r2_painted_squared"] == table["r2_centred"][1]
-    assert (metrics["methods"], metrics["misfits"], metrics["left_out"]) == (4, 0, 1)
+    assert (metrics["contestants"], metrics["misfits"], metrics["left_out"]) == (4, 0, 1)
     assert len(report.tables["curves"]["mean"]) == 4 * 5
     assert max(report.tables["curves"]["variance"]) < 1e-4
     assert set(report.figures) == {"curves", "pareto"}
