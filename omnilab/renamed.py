@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from functools import partial, wraps
 from importlib import import_module
 from importlib.machinery import ModuleSpec
 from types import ModuleType
@@ -70,6 +71,31 @@ def attribute(module: str, name: str, table: dict[str, str]) -> Any:
         raise AttributeError(f"module '{module}' has no attribute {name!r}")
     warnings.warn(f"{module}.{name} is called {table[name]} now", FutureWarning, stacklevel=3)
     return getattr(import_module(module), table[name])
+
+
+def accept(cls: type[Any], fields: dict[str, str]) -> None:
+    """Let a dataclass be made, and read, with old names of its fields."""
+    init = cls.__init__
+
+    @wraps(init)
+    def with_old_names(self: Any, *values: Any, **named: Any) -> None:
+        for old in fields.keys() & named.keys():
+            _say_renamed(cls, old, fields[old])
+            named[fields[old]] = named.pop(old)
+        init(self, *values, **named)
+
+    cls.__init__ = with_old_names  # type: ignore[misc]
+    for old, new in fields.items():
+        setattr(cls, old, property(partial(_read, old=old, new=new)))
+
+
+def _read(instance: Any, old: str, new: str) -> Any:
+    _say_renamed(type(instance), old, new)
+    return getattr(instance, new)
+
+
+def _say_renamed(cls: type[Any], old: str, new: str) -> None:
+    warnings.warn(f"`{old}` of omnilab.api.{cls.__name__} is called `{new}` now", FutureWarning, stacklevel=3)
 
 
 def adapt(kind: str, name: str, cls: type[Any]) -> str:

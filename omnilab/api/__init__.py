@@ -160,6 +160,9 @@ __all__ = [
     "is_cached",
 ]
 
+renamed.accept(Optimized, {"said": "warnings"})
+renamed.accept(Places, {"learnt": "descriptor_state"})
+
 
 def __getattr__(name: str) -> Any:
     """Names of the version before."""

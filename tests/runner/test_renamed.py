@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import pickle
 import shutil
 import subprocess
 import sys
 import warnings
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from omnilab import api, renamed, testing
@@ -94,6 +97,19 @@ def test_all_that_a_module_offered_is_found_in_it(module: str) -> None:
 def test_a_type_of_the_contract_has_its_old_name_too(old: str, new: str) -> None:
     with pytest.warns(FutureWarning, match=f"omnilab.api.{old} is called {new} now"):
         assert getattr(api, old) is getattr(api, new)
+
+
+def test_a_result_is_made_and_read_with_old_names_of_its_fields() -> None:
+    with pytest.warns(FutureWarning, match="`said` of omnilab.api.Optimized is called `warnings` now"):
+        found = api.Optimized(np.zeros((1, 3)), 2.0, 1.0, 3, np.ones(0), said=["too lazy"])
+    assert found.warnings == ["too lazy"]
+    with pytest.warns(FutureWarning, match="`said` of omnilab.api.Optimized"):
+        assert found.said == found.warnings
+    assert replace(found, iterations=4).warnings == ["too lazy"]
+    with pytest.warns(FutureWarning, match="`learnt` of omnilab.api.Places is called `descriptor_state` now"):
+        places = api.Places(api.Signatures(np.zeros((1, 2))), None, ["a"], learnt={"mean": np.ones(2)})
+    assert places.descriptor_state.keys() == {"mean"}
+    assert pickle.loads(pickle.dumps(places)).keys == ["a"]
 
 
 def test_a_conformance_check_has_its_old_name_too() -> None:
