@@ -84,7 +84,7 @@ def accept(cls: type[Any], fields: dict[str, str]) -> None:
             named[fields[old]] = named.pop(old)
         init(self, *values, **named)
 
-    cls.__init__ = with_old_names  # type: ignore[misc]
+    cls.__init__ = with_old_names
     for old, new in fields.items():
         setattr(cls, old, property(partial(_read, old=old, new=new)))
 
