@@ -271,7 +271,7 @@ def test_view_range_keeps_the_contract_and_measures_odometry(small):
     assert report.tables["ranges"]["worse_m"] == [0, 0, 0, 0]
     assert report.tables["drives"]["drive"] == [0, 1, 2, 0, 1] * 2
     assert found["one_small_rms"] == pytest.approx(np.mean(report.tables["drives"]["rms_m"][5:8]))
-    assert found["warnings"] == 2 * 3 + 2 * 2
+    assert found["said"] == 2 * 3 + 2 * 2
     assert set(report.figures) == {"ranges", "nees", "drive"}
     paths = {path for path, _, _ in log.records}
     assert {"truth", "odometry", "walls", "trajectory", "views", "candidates", "bearings", "robot"} <= paths
