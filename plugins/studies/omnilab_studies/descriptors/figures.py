@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from omnilab_studies.common.plots import blank_figure
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-DPI = 130
 FRONT, DOT = "#d1403f", "#2f6db3"
 
 
 def pareto(points: Mapping[str, tuple[float, float]], cost: str, gain: str, title: str) -> Figure:
     """Cost (logarithmic) against gain; a line joins the Pareto front."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(7.6, 5.2), dpi=DPI, layout="constrained")
+    figure = blank_figure(7.6, 5.2)
     axes = figure.subplots()
     front = pareto_front(points)
     best = sorted(points[name] for name in front)

@@ -13,7 +13,7 @@ from omnilab.posegraph.files import g2o_text
 from omnilab.posegraph.graph import is_loop, matrices
 from omnilab.trajectory.evaluation import Alignment, evaluate, rms
 from omnilab.trajectory.files import tum_text
-from omnilab_studies.common.tables import markdown
+from omnilab_studies.common.tables import columns_of, markdown
 from omnilab_studies.pose_graph import figures
 
 METRICS = (
@@ -99,11 +99,6 @@ def metrics_of(graph: PoseGraph, rows: Sequence[Mapping[str, Any]], wrong: Ints)
     return [*metrics, *(Metric(name, count, "1") for name, count in counts.items())]
 
 
-def backend_table(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
-    """The table `backends`: one row a back end."""
-    return {name: [row[name] for row in rows] for name in rows[0]}
-
-
 def edge_table(graph: PoseGraph, optima: Mapping[str, Optimized], wrong: Ints) -> dict[str, Any]:
     """The table `edges`: each edge's nodes and kind, and by how many standard deviations it is off in each optimum."""
     ends = graph.ids[graph.edges]
@@ -119,7 +114,7 @@ def summary_of(graph: PoseGraph, rows: Sequence[Mapping[str, Any]], wrong: Ints)
     """Size of the graph and the most important columns as Markdown."""
     loops = int(is_loop(graph).sum())
     size = f"{len(graph)} poses, {len(graph.edges)} edges, {loops} of them loop closures, {len(wrong)} of these wrong"
-    shown = {name: column for name, column in backend_table(rows).items() if name in SHOWN}
+    shown = {name: column for name, column in columns_of(rows).items() if name in SHOWN}
     return "\n".join(["## Pose graph", "", size, "", markdown(shown)])
 
 

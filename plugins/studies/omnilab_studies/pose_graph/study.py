@@ -31,11 +31,11 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.posegraph.files import read_graph
 from omnilab.posegraph.graph import arrivals, matrices, moved
 from omnilab.trajectory.evaluation import Alignment
+from omnilab_studies.common.tables import columns_of
 from omnilab_studies.pose_graph import figures
 from omnilab_studies.pose_graph.layout import layout_of
 from omnilab_studies.pose_graph.results import (
     GraphTruth,
-    backend_table,
     edge_table,
     files_of,
     metrics_of,
@@ -198,7 +198,7 @@ def _report(
         drawn["growth"] = figures.growth(growth)
     return Report(
         metrics_of(graph, rows, truth.wrong),
-        {"backends": backend_table(rows), "edges": edge_table(graph, optima, truth.wrong)},
+        {"backends": columns_of(rows), "edges": edge_table(graph, optima, truth.wrong)},
         drawn,
         files=files_of(graph, poses if truth.poses is None else {"truth": truth.poses, **poses}),
         summary=summary_of(graph, rows, truth.wrong),

@@ -12,6 +12,7 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, planar_poses
 from omnilab.trajectory.evaluation import Alignment, path_length
 from omnilab_studies.common.frames import deliver_queries
+from omnilab_studies.common.logs import start_logs
 from omnilab_studies.common.pose_sources import Source, plan_of_trajectory
 from omnilab_studies.common.tables import markdown_table
 from omnilab_studies.trajectory import figures, scale_estimation
@@ -128,9 +129,7 @@ def _optimize(parts: Parts, mapping: MappingRun, record: Recorder) -> tuple[dict
 
 def _log_truth(record: Recorder, parts: Parts, plan: Plan) -> None:
     """The layout, the world's surface, and the true positions where they are known."""
-    record.log("", LAYOUT)
-    if scene := parts.sensor.scene():
-        record.log("room", scene)
+    start_logs(record, LAYOUT, parts.sensor)
     if plan.T_world_camera is not None:
         record.log("truth", PlaceMap(plan.T_world_camera[:, :3, 3]))
 

@@ -172,11 +172,6 @@ def _cut_to_shortest(series: Sequence[Floats]) -> Floats:
     return np.array([one[:length] for one in series])
 
 
-def columns(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
-    """Rows with the same keys as a table."""
-    return {name: [row[name] for row in rows] for name in rows[0]}
-
-
 def selected(rows: Sequence[Mapping[str, Any]], **wanted: Any) -> list[Mapping[str, Any]]:
     """The rows with these values."""
     return [row for row in rows if all(row[name] == value for name, value in wanted.items())]

@@ -11,11 +11,10 @@ from omnilab.api import Floats, Metric, Recorder, Report
 from omnilab.posegraph.graph import matrices
 from omnilab.trajectory.evaluation import path_length, rms
 from omnilab.trajectory.files import tum_text
-from omnilab_studies.common.tables import markdown_table
+from omnilab_studies.common.tables import columns_of, markdown_table
 from omnilab_studies.view_slam import figures
 from omnilab_studies.view_slam.consistency import errors, nees, nees_bounds
 from omnilab_studies.view_slam.display import show_errors
-from omnilab_studies.view_slam.filter_comparison import columns
 from omnilab_studies.view_slam.filter_runs import FilterEstimate, position_rms
 from omnilab_studies.view_slam.front_end import ViewAssociation
 from omnilab_studies.view_slam.mapping_run import ViewMappingRun
@@ -48,7 +47,7 @@ def report(run: ViewMappingRun, record: Recorder) -> Report:
     stamps_ns = np.array(run.stamps_ns)
     return Report(
         metrics,
-        tables={"filters": columns(rows), "steps": _step_table(run, poses)},
+        tables={"filters": columns_of(rows), "steps": _step_table(run, poses)},
         figures=figures.maps(truth, odometry, {name: result.estimate for name, result in filters.items()}),
         files={f"{name}.tum": tum_text(matrices(p), stamps_ns) for name, p in poses.items()},
         summary=markdown_table(metrics, "Maps of views"),

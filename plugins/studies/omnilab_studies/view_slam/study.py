@@ -12,6 +12,7 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, planar_poses
 from omnilab.posegraph.graph import vectors
 from omnilab_studies.common.frames import deliver_queries
+from omnilab_studies.common.logs import start_logs
 from omnilab_studies.common.pose_sources import Source, plan_of_trajectory
 from omnilab_studies.common.samples import evenly
 from omnilab_studies.view_slam.display import TRUTH, line
@@ -111,9 +112,7 @@ class ViewSlam:
 
 def _log_truth(record: Recorder, parts: Parts, plan: Plan) -> None:
     """The layout, the world's surface, and the true trajectory."""
-    record.log("", VIEW_SLAM)
-    if scene := parts.sensor.scene():
-        record.log("room", scene)
+    start_logs(record, VIEW_SLAM, parts.sensor)
     assert plan.T_world_camera is not None
     record.log("truth", line(vectors(plan.T_world_camera, planar=True), TRUTH))
 

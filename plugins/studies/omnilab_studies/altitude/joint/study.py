@@ -17,7 +17,7 @@ from omnilab_studies.common.describing import describe, describe_places, fitted
 from omnilab_studies.common.frames import deliver_queries
 from omnilab_studies.common.grids import check_extent, check_step, grid_poses
 from omnilab_studies.common.localization_run import LocalizationRun, estimate_of
-from omnilab_studies.common.logs import show_frame
+from omnilab_studies.common.logs import show_frame, start_logs
 from omnilab_studies.common.pose_sources import random_poses
 from omnilab_studies.common.scores import joined_estimates, score
 from omnilab_studies.common.tables import columns_of, markdown
@@ -58,9 +58,7 @@ class Joint:
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Map at one height; localise at others; estimate the height over the estimated place."""
-        record.log("", LAYOUT)
-        if scene := parts.sensor.scene():
-            record.log("room", scene)
+        start_logs(record, LAYOUT, parts.sensor)
         plans = self._query_plans(parts, int(rng.integers(2**32)))
         grid = parts.sensor.plan(grid_poses(self.step_m, None, self.extent_m, self.height_m))
         parts = fitted(parts, grid, record)

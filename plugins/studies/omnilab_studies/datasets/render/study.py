@@ -37,6 +37,7 @@ from omnilab.trajectory.files import read_trajectory
 from omnilab_studies.common.dataset_files import DataSet, contents_of
 from omnilab_studies.common.grids import check_extent, grid_poses
 from omnilab_studies.common.image_columns import check_heights, check_positions, column_poses
+from omnilab_studies.common.logs import start_logs
 from omnilab_studies.datasets.render.dataset_writer import RenderedFrames, RenderedPart, RenderJob, render_plan
 from omnilab_studies.datasets.render.layout import LAYOUT
 from omnilab_studies.datasets.render.point_cloud import cloud_of, write_ply
@@ -128,9 +129,7 @@ class Render:
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Plan, render what is missing, write poses and calibration, measure."""
-        record.log("", LAYOUT)
-        if scene := parts.sensor.scene():
-            record.log("room", scene)
+        start_logs(record, LAYOUT, parts.sensor)
         layout, stamps_ns = self._pose_request(int(rng.integers(2**32)))
         plan = parts.sensor.plan(layout)
         seed = int(rng.integers(2**32))  # of the disturbances

@@ -27,6 +27,7 @@ from omnilab.errors import ConfigError
 from omnilab.geometry import poses, rotation_xyz
 from omnilab.image import panorama, point_cloud, to_color
 from omnilab_studies.common.frames import deliver
+from omnilab_studies.common.logs import start_logs
 from omnilab_studies.common.tables import markdown_table
 from omnilab_studies.datasets.views import figures
 from omnilab_studies.datasets.views.layout import layout_of
@@ -65,9 +66,7 @@ class Views:
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Take an image at every pose; log it with its panorama and its point cloud."""
-        record.log("", layout_of(self.panoramas))
-        if scene := parts.sensor.scene():
-            record.log("room", scene)
+        start_logs(record, layout_of(self.panoramas), parts.sensor)
         values = np.array(self.poses, float)
         T_world_camera = poses(values[:, :3], rotation_xyz(*np.deg2rad(values[:, 3:].T)))
         record.log("poses", PlaceMap(T_world_camera[:, :3, 3]))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from omnilab_studies.descriptors.figures import DPI
+from omnilab_studies.common.plots import blank_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -15,10 +15,8 @@ if TYPE_CHECKING:
 
 def bars(values: Mapping[str, Mapping[str, float]], label: str, title: str) -> Figure:
     """Horizontal bars for each name, one per kind of value, on a logarithmic axis."""
-    from matplotlib.figure import Figure
-
     kinds = list(dict.fromkeys(kind for of in values.values() for kind in of))
-    figure = Figure(figsize=(7.6, 1.2 + 0.22 * len(values) * (len(kinds) + 0.6)), dpi=DPI, layout="constrained")
+    figure = blank_figure(7.6, 1.2 + 0.22 * len(values) * (len(kinds) + 0.6))
     axes = figure.subplots()
     height = 0.8 / len(kinds)
     rows = np.arange(len(values))

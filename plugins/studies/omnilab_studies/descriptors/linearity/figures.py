@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from omnilab_studies.descriptors.figures import DPI
+from omnilab_studies.common.plots import blank_figure
 from omnilab_studies.descriptors.linearity.curves import Curve
 
 if TYPE_CHECKING:
@@ -21,11 +21,9 @@ def curves(groups: Mapping[str, Mapping[str, Curve]]) -> Figure:
 
     Bands are one standard deviation over the lines, for the curve that is closest to a line.
     """
-    from matplotlib.figure import Figure
-
     columns = min(3, len(groups))
     rows = -(-len(groups) // columns)
-    figure = Figure(figsize=(4.6 * columns, 3.9 * rows), dpi=DPI, layout="constrained")
+    figure = blank_figure(4.6 * columns, 3.9 * rows)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes in panels[len(groups) :]:
         axes.set_axis_off()

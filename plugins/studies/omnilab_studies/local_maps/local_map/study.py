@@ -22,7 +22,7 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import procrustes
 from omnilab_studies.common.frames import deliver, deliver_queries
 from omnilab_studies.common.grids import check_extent, check_step, grid_poses
-from omnilab_studies.common.logs import show_picture
+from omnilab_studies.common.logs import show_picture, start_logs
 from omnilab_studies.common.methods import Method, descriptors_of, fitted_all, methods_of
 from omnilab_studies.common.pose_sources import random_poses
 from omnilab_studies.local_maps import figures
@@ -89,9 +89,7 @@ class LocalMap:
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Find candidates, measure their distances, embed, fit, score: per step, number of neighbours, method, localizer."""
-        record.log("", LAYOUT)
-        if scene := parts.sensor.scene():
-            record.log("room", scene)
+        start_logs(record, LAYOUT, parts.sensor)
         embedders = embedders_of(parts)
         grids = self._grids(parts)
         query_parts, query_plan = self._queries(parts, grids, rng)

@@ -25,7 +25,7 @@ from omnilab.geometry import planar_poses, spanned
 from omnilab_studies.common.frames import deliver
 from omnilab_studies.common.free_area import window
 from omnilab_studies.common.grids import check_step
-from omnilab_studies.common.logs import show_picture
+from omnilab_studies.common.logs import show_picture, start_logs
 from omnilab_studies.common.methods import fitted_all, methods_of
 from omnilab_studies.common.scores import known_poses
 from omnilab_studies.local_maps.candidates import describe_images
@@ -85,9 +85,7 @@ class TopologicalMap:
         """Describe, compare all with all, embed, fit: for every step, method, links and localizer."""
         if parts.disturbances:
             raise ConfigError("topological_map has no queries to disturb; leave disturbance out")
-        record.log("", LAYOUT)
-        if scene := parts.sensor.scene():
-            record.log("room", scene)
+        start_logs(record, LAYOUT, parts.sensor)
         embedders = embedders_of(parts)
         warm_up(embedders.values())
         grids = {step_m: self._grid(parts, step_m, rng) for step_m in dict.fromkeys(self.steps_m)}

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from omnilab_studies.common.plots import DPI
+from omnilab_studies.common.plots import blank_figure
 from omnilab_studies.localization.large_map.search_cost import exponent
 
 if TYPE_CHECKING:
@@ -24,9 +24,7 @@ SHARES = {"agreement": "o-", "same": "s--", "recall": "^:"}
 
 def scaling(rows: Sequence[Mapping[str, Any]]) -> Figure:
     """Costs against the number of places, with fitted power laws, and the agreement of the estimates."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10.4, 8.4), dpi=DPI, layout="constrained")
+    figure = blank_figure(10.4, 8.4)
     panels = figure.subplots(2, 2).ravel()
     names = list(dict.fromkeys(row["localizer"] for row in rows))
     for i, name in enumerate(names):

@@ -10,14 +10,13 @@ import numpy as np
 
 from omnilab.api import Metric, Parts, Recorder, Report, ViewFilter
 from omnilab.errors import ConfigError
-from omnilab_studies.common.tables import markdown
+from omnilab_studies.common.tables import columns_of, markdown
 from omnilab_studies.view_slam import figures
 from omnilab_studies.view_slam.display import show_drive
 from omnilab_studies.view_slam.drives import Drive, Drives
 from omnilab_studies.view_slam.filter_comparison import (
     FilterComparison,
     check_seeds,
-    columns,
     counts,
     filters_of,
     seeds_of,
@@ -89,15 +88,15 @@ class ViewCount:
             "drive": figures.drive(drive, ground, estimate, names[0], self.range_m),
         }
         tables = {
-            "counts": columns(rows),
-            "drives": columns(comparison.drive_rows),
-            "times": columns(with_exponents(times, names)),
+            "counts": columns_of(rows),
+            "drives": columns_of(comparison.drive_rows),
+            "times": columns_of(with_exponents(times, names)),
         }
         return Report([*_metrics(rows, names), *counts(rows)], tables, drawn, summary=self._summary(rows))
 
     def _summary(self, rows: Sequence[Mapping[str, Any]]) -> str:
         """The rows as a Markdown table."""
-        table = columns([{name: row[name] for name in SUMMARY_COLUMNS} for row in rows])
+        table = columns_of([{name: row[name] for name in SUMMARY_COLUMNS} for row in rows])
         return "\n".join([f"## Error against the number of views, within {self.range_m:g} m", "", markdown(table)])
 
 

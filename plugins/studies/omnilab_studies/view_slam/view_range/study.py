@@ -10,14 +10,13 @@ import numpy as np
 
 from omnilab.api import Metric, Parts, Recorder, Report, ViewFilter
 from omnilab.errors import ConfigError
-from omnilab_studies.common.tables import markdown
+from omnilab_studies.common.tables import columns_of, markdown
 from omnilab_studies.view_slam import figures
 from omnilab_studies.view_slam.display import show_drive
 from omnilab_studies.view_slam.drives import Drive, Drives
 from omnilab_studies.view_slam.filter_comparison import (
     FilterComparison,
     check_seeds,
-    columns,
     counts,
     filters_of,
     seeds_of,
@@ -110,7 +109,7 @@ class ViewRange:
             "nees": figures.consistency(rows, "range_m", "range of observation [m]", names),
             "drive": figures.drive(drive, ground, estimate, names[0], self.shown_range_m),
         }
-        tables = {"ranges": columns(rows), "drives": columns(comparison.drive_rows)}
+        tables = {"ranges": columns_of(rows), "drives": columns_of(comparison.drive_rows)}
         return Report([*self._metrics(rows, names), *counts(rows)], tables, drawn, summary=_summary(rows))
 
     def _metrics(self, rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> list[Metric]:
@@ -144,5 +143,5 @@ class ViewRange:
 
 def _summary(rows: Sequence[Mapping[str, Any]]) -> str:
     """The rows as a Markdown table."""
-    table = columns([{name: row[name] for name in SUMMARY_COLUMNS} for row in rows])
+    table = columns_of([{name: row[name] for name in SUMMARY_COLUMNS} for row in rows])
     return "\n".join(["## Error against the range of observation", "", markdown(table)])
