@@ -15,7 +15,8 @@ from omnilab import hooks
 from omnilab.api import KINDS
 from omnilab.errors import ConfigError, DataError, OmnilabError, did_you_mean
 from omnilab.runner.interrupts import uninterrupted
-from omnilab.runner.registry import Registry, discover, mend
+from omnilab.runner.registry import Registry, discover
+from omnilab.runner.repair import mend
 from omnilab.runner.run_folder import RUNNING, LoadedRun, find_runs, load_run, new_folder_name
 from omnilab.runner.terminal import headline, print_error, print_table, short, show_run
 

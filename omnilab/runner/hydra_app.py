@@ -88,7 +88,7 @@ def _say_new_names(choices: Mapping[str, Any], registry: Registry) -> None:
     for group, chosen in choices.items():
         kind = group.partition("@")[0]
         for name in chosen if isinstance(chosen, list) else [chosen]:
-            if now := registry.formerly.get((kind, str(name))):
+            if now := registry.new_name(kind, str(name)):
                 print_error(f"{kind} '{name}' is called '{now}' now; write {group}={now}")
 
 

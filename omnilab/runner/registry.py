@@ -29,8 +29,7 @@ from omnilab import hooks, renamed
 from omnilab.api import KINDS
 from omnilab.errors import ConfigError, PluginError, did_you_mean
 from omnilab.hooks import COMMANDS_HOOK
-from omnilab.runner.run_folder import KILLED, LoadedRun, RunFolder, load_run
-from omnilab.runner.terminal import print_error
+from omnilab.runner.repair import RunsOnDisk
 
 DICTS = {kind.plural: kind.name for kind in KINDS.values() if kind.many}  # settings of a run that hold any number
 MANY = {kind.name: kind.plural for kind in KINDS.values() if not kind.slot}  # `disturbance=blur` goes to the dict
@@ -105,7 +104,11 @@ class Registry:
 
     def find(self, kind: str, name: str) -> Component | None:
         """The component of that kind and name, which may be one of the version before; None if there is none."""
-        return self.components.get((kind, self.formerly.get((kind, name), name)))
+        return self.components.get((kind, self.new_name(kind, name) or name))
+
+    def new_name(self, kind: str, name: str) -> str | None:
+        """What a component of the version before is called now; None for a name that a component has today."""
+        return None if (kind, name) in self.components else self.formerly.get((kind, name))
 
     def missing(self, kind: str, name: str) -> str:
         """The sentence about a name that does not exist."""
@@ -119,30 +122,6 @@ class Registry:
     def of(self, instance: Any) -> Component | None:
         """Under which name an instance's class is registered."""
         return next((c for c in self.components.values() if c.cls is type(instance)), None)
-
-
-class RunsOnDisk:
-    """The runs on disk, for commands of plugins: see `omnilab.hooks.Runs`."""
-
-    def __init__(self, registry: Registry) -> None:
-        self._registry = registry
-
-    def ready(self, run: Path) -> Path:
-        """The folder of a run, its logs mended first if it was killed; DataError if there is none."""
-        loaded = load_run(run)
-        if loaded.state == KILLED:
-            mend(loaded, self._registry)
-        return loaded.folder
-
-
-def mend(run: LoadedRun, registry: Registry) -> list[str]:
-    """Every sink's repair of a run's files: what was done, in sentences, which are printed."""
-    done = [s for name in registry.names("sink") if (s := registry.get("sink", name).cls().repair(run.folder))]
-    for sentence in done:
-        print_error(sentence)
-    if run.state == KILLED:
-        RunFolder(run.folder).status(KILLED)
-    return done
 
 
 def discover(select: str | None = None) -> Registry:
@@ -222,9 +201,8 @@ def _load(plugin: Plugin, registry: Registry) -> tuple[list[Component], dict[str
     for kind, hook in HOOKS.items():
 
         def register(name: str, cls: type[Any], formerly: str = "", kind: str = kind) -> None:
-            if note := renamed.adapt(kind, name, cls):
+            if note := check_component(kind, name, cls):
                 registry.notes.append(f"{plugin.title}: {note}")
-            check_component(kind, name, cls)
             if (kind, name) in components:
                 raise PluginError(f"{kind} '{name}' is registered twice, by {components[kind, name].cls} and {cls}")
             components[kind, name] = Component(kind, name, cls, plugin, formerly)
@@ -248,13 +226,16 @@ def _load(plugin: Plugin, registry: Registry) -> tuple[list[Component], dict[str
     return list(components.values()), commands
 
 
-def check_component(kind: str, name: str, cls: type[Any]) -> None:
-    """PluginError if a class cannot serve as a component of that kind under that name."""
+def check_component(kind: str, name: str, cls: type[Any]) -> str:
+    """PluginError if a class cannot serve as a component of that kind under that name.
+
+    Returns what to write instead of a word of the version before, or "".
+    """
     if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
         raise PluginError(f"{kind} '{name}' has an unusable name; use lower case letters, digits and _")
     if "__dataclass_fields__" not in getattr(cls, "__dict__", {}):  # neither an instance nor a class that inherits them
         raise PluginError(f"{kind} '{name}' is {cls!r}; register a class with @dataclass")
-    renamed.adapt(kind, name, cls)
+    note = renamed.adapt(kind, name, cls)
     lacking = [member for member in members(KINDS[kind].protocol) if not hasattr(cls, member)]
     if lacking:
         raise PluginError(
@@ -269,6 +250,10 @@ def check_component(kind: str, name: str, cls: type[Any]) -> None:
             f"{kind} '{name}' ({cls.__name__}): {str(error).splitlines()[0]} (field '{error.full_key}'); use bool, int,"
             " float, str, Path, Enum, list, dict, X | None or a nested dataclass"
         ) from error
+    return note
+
+
+_NODES: dict[type[Any], DictConfig] = {}
 
 
 def _node(cls: type[Any]) -> DictConfig:
@@ -276,9 +261,6 @@ def _node(cls: type[Any]) -> DictConfig:
     if cls not in _NODES:
         _NODES[cls] = OmegaConf.structured(cls)
     return _NODES[cls]
-
-
-_NODES: dict[Any, DictConfig] = {}
 
 
 def members(protocol: type[Any]) -> list[str]:

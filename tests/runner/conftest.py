@@ -6,7 +6,11 @@ import importlib
 import importlib.util
 import os
 import shutil
+import subprocess
 import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -107,6 +111,21 @@ def made_anew():
 
 
 @pytest.fixture(scope="session")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Path], Path]:
+    """`installed(source)`: a folder for PYTHONPATH with the distribution of a source tree, of which no copy is left."""
+
+    def installed(source: Path) -> Path:
+        copy, target = tmp_path_factory.mktemp("source") / "omnilab-tiny", tmp_path_factory.mktemp("installed")
+        shutil.copytree(source, copy, ignore=shutil.ignore_patterns("__pycache__"))
+        command = [*installer(), "--quiet", "--no-deps", "--target", str(target), str(copy)]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+        assert done.returncode == 0, done.stderr
+        shutil.rmtree(copy)
+        return target
+
+    return installed
+
+
 def installer() -> list[str]:
     """What installs packages beside the interpreter that runs the tests: uv, else pip."""
     if uv := os.environ.get("UV") or shutil.which("uv"):
@@ -114,3 +133,23 @@ def installer() -> list[str]:
     if importlib.util.find_spec("pip"):
         return [sys.executable, "-m", "pip", "install"]
     pytest.skip("neither uv nor pip is there to install a distribution with")
+
+
+@pytest.fixture
+def imported() -> Iterator[Callable[[Path], ModuleType]]:
+    """`imported(file)`: the module of a file, which pickle finds for as long as the test lasts."""
+    names = []
+
+    def imported(file: Path) -> ModuleType:
+        spec = importlib.util.spec_from_file_location(file.stem, file)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[spec.name] = module
+        names.append(spec.name)
+        spec.loader.exec_module(module)
+        return module
+
+    yield imported
+    for name in names:
+        del sys.modules[name]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import json
 import pickle
 import shutil
-import subprocess
 import sys
 import warnings
 from collections.abc import Callable, Iterator
@@ -137,28 +137,18 @@ def test_a_plugin_of_before_runs_as_a_file(
 
 @pytest.mark.slow
 def test_a_plugin_of_before_runs_as_a_distribution(
-    omnilab: Callable[..., Any], tmp_path: Path, installer: list[str]
+    omnilab: Callable[..., Any], installed: Callable[[Path], Path]
 ) -> None:
-    target = tmp_path / "installed"
-    source = shutil.copytree(BEFORE, tmp_path / "omnilab-tiny", ignore=shutil.ignore_patterns("__pycache__"))
-    command = [*installer, "--quiet", "--no-deps", "--target", str(target), str(source)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == 0, done.stderr
-    rc, out, err = omnilab(*SMALL, "descriptor=tiny", env={"PYTHONPATH": str(target)})
+    rc, out, err = omnilab(*SMALL, "descriptor=tiny", env={"PYTHONPATH": str(installed(BEFORE))})
     assert rc == 0, err
     assert "nearest_rate" in out
     assert err.count("declares turned='shifts', which is called rotation='equivariant' now") == 1
 
 
-def test_its_own_conformance_test_goes_on_passing() -> None:
-    class_of = importlib.util.spec_from_file_location("omnilab_tiny_of_before", BEFORE / "omnilab_tiny.py")
-    assert class_of is not None
-    assert class_of.loader is not None
-    module = importlib.util.module_from_spec(class_of)
-    sys.modules[class_of.name] = module
-    class_of.loader.exec_module(module)
-    testing.check_descriptor(module.Tiny())
-    assert module.Tiny.rotation == "equivariant"
+def test_its_own_conformance_test_goes_on_passing(imported: Callable[[Path], Any]) -> None:
+    tiny = imported(BEFORE / "omnilab_tiny.py").Tiny
+    testing.check_descriptor(tiny())
+    assert tiny.rotation == "equivariant"
 
 
 ODOMETRY = """
@@ -207,6 +197,34 @@ def test_a_component_is_chosen_by_its_old_name(omnilab_here: Callable[..., Any],
     rc, out, err = omnilab_here("plugins", "verified")
     assert (rc, err) == (0, "")
     assert "loop_closure=geometric_verification" in out
+
+
+FILTER = """
+from dataclasses import dataclass
+from omnilab import hookimpl
+from omnilab_appearance import Nearest
+
+@dataclass
+class Filter(Nearest):
+    \"\"\"A filter of someone else.\"\"\"
+
+@hookimpl
+def register_localizers(register):
+    register("filter", Filter)
+"""
+
+
+def test_a_component_of_today_is_not_hidden_by_an_old_name(
+    omnilab_here: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mine.py").write_text(FILTER)
+    monkeypatch.setenv("OMNILAB_PLUGINS", "mine.py")
+    assert discover().get("localizer", "filter").plugin.name == "mine"
+    rc, _, err = omnilab_here(*SMALL, "localizer=filter")
+    assert rc == 0, err
+    assert "is called" not in err
+    manifest = json.loads((tmp_path / "logs/latest/manifest.json").read_text())
+    assert manifest["components"]["localizer"]["distribution"] == "mine.py"
 
 
 def test_an_old_name_is_not_listed(omnilab_here: Callable[..., Any]) -> None:

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import csv
-import importlib.util
 import json
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -25,21 +22,15 @@ SMALL = (
 
 
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory: pytest.TempPathFactory, installer: list[str]) -> Path:
-    """A folder for PYTHONPATH in which the distribution is installed; its source tree is gone."""
-    source, target = tmp_path_factory.mktemp("source") / "omnilab-tiny", tmp_path_factory.mktemp("installed")
-    shutil.copytree(SOURCE, source, ignore=shutil.ignore_patterns("__pycache__"))
-    command = [*installer, "--quiet", "--no-deps", "--target", str(target), str(source)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == 0, done.stderr
-    shutil.rmtree(source)
-    return target
+def tiny_installed(installed: Callable[[Path], Path]) -> Path:
+    """A folder for PYTHONPATH in which the distribution is installed."""
+    return installed(SOURCE)
 
 
 @pytest.fixture
-def with_tiny(omnilab: Callable[..., Any], installed: Path) -> Callable[..., Any]:
+def with_tiny(omnilab: Callable[..., Any], tiny_installed: Path) -> Callable[..., Any]:
     """The command line with the distribution installed."""
-    return lambda *arguments: omnilab(*arguments, env={"PYTHONPATH": str(installed)})
+    return lambda *arguments: omnilab(*arguments, env={"PYTHONPATH": str(tiny_installed)})
 
 
 def test_the_distribution_is_listed_with_its_origin(with_tiny: Callable[..., Any]) -> None:
@@ -90,16 +81,9 @@ def test_a_single_file_does_as_well(
 
 
 @pytest.fixture
-def tiny() -> Any:
+def tiny(imported: Callable[[Path], Any]) -> Any:
     """The class, imported from its file."""
-    spec = importlib.util.spec_from_file_location("omnilab_tiny", SOURCE / "omnilab_tiny.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # pickle looks it up
-    spec.loader.exec_module(module)
-    yield module.Tiny
-    del sys.modules[spec.name]
+    return imported(SOURCE / "omnilab_tiny.py").Tiny
 
 
 @pytest.mark.parametrize("settings", [{}, {"rows": 5, "columns": 16}, {"rows": 1, "columns": 4}])

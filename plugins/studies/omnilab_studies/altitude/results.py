@@ -10,6 +10,7 @@ import numpy as np
 
 from omnilab.api import Floats, Heights, Metric
 from omnilab_studies.common.disturbance_levels import Level
+from omnilab_studies.common.tables import columns_of
 
 LEAST_M = 0.1  # rises whose sign counts
 ROUNDING_M = 1e-6
@@ -135,8 +136,7 @@ class AltitudeResults:
 
     def estimate_table(self) -> dict[str, list[Any]]:
         """The table `estimates`: one row an estimate."""
-        rows = list(self._estimate_rows())
-        return {name: [row[name] for row in rows] for name in rows[0]}
+        return columns_of(list(self._estimate_rows()))
 
     def _estimate_rows(self) -> Iterator[dict[str, Any]]:
         for case, parts in self.by_case.items():
