@@ -2,7 +2,7 @@
 
 from omnilab import hookimpl
 from omnilab.hooks import Register, RegisterCommand
-from omnilab_recordings.command import check
+from omnilab_recordings.checks.command import check
 from omnilab_recordings.folder import Folder
 from omnilab_recordings.recorded import Recorded
 

@@ -19,10 +19,10 @@ from omnilab.cameras import ImageCircle, RayCamera
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import poses, rotation_xyz
 from omnilab_recordings.calibration import check_frame_of, read_camera
-from omnilab_recordings.depth import read_depth
-from omnilab_recordings.filename_poses import Naming, naming
-from omnilab_recordings.images import decode, read_bytes
+from omnilab_recordings.images.depth import read_depth
+from omnilab_recordings.images.files import decode, read_bytes
 from omnilab_recordings.optics import Optics, check_circle, circle_of, most_common_size, off_ring, unseen_in
+from omnilab_recordings.poses.filename_poses import Naming, naming
 from omnilab_recordings.recording import POSITIONS_FILE, Recording, open_recording
 
 R = TypeVar("R")

@@ -11,12 +11,12 @@ import numpy as np
 
 from omnilab.api import Bools, GridPoses, Ints, NamedPath, PathPoses, PoseRequest, RecordedPoses
 from omnilab.errors import ConfigError, DataError
-from omnilab_recordings.filename_poses import Naming, positions_of
-from omnilab_recordings.grid import PositionGrid, find_grid, on_grid
-from omnilab_recordings.images import SUFFIXES, image_names
-from omnilab_recordings.positions import Positions, read_positions
-from omnilab_recordings.trajectory_poses import SUFFIXES as TRAJECTORIES
-from omnilab_recordings.trajectory_poses import poses_of_images
+from omnilab_recordings.images.files import SUFFIXES, image_names
+from omnilab_recordings.poses.filename_poses import Naming, positions_of
+from omnilab_recordings.poses.grid import PositionGrid, find_grid, on_grid
+from omnilab_recordings.poses.positions import Positions, read_positions
+from omnilab_recordings.poses.trajectory_poses import SUFFIXES as TRAJECTORIES
+from omnilab_recordings.poses.trajectory_poses import poses_of_images
 
 POSITIONS_FILE = "positions.csv"
 STAMP_STEP_NS = 100_000_000  # between images of a recording without stamps

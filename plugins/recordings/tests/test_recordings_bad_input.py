@@ -138,16 +138,16 @@ def test_positions_file_that_was_requested_does_not_exist(write_recording):
 
 def test_positions_too_large(write_recording, monkeypatch):
     root = write_recording(blank(2), ["img-0.png,0,0", "img-1.png,1,0"])
-    monkeypatch.setattr("omnilab_recordings.positions.MOST_ROWS", 1)
+    monkeypatch.setattr("omnilab_recordings.poses.positions.MOST_ROWS", 1)
     with pytest.raises(DataError, match="more than 1 rows"):
         Folder(root).plan(RecordedPoses())
-    monkeypatch.setattr("omnilab_recordings.positions.LARGEST_FILE", 10)
+    monkeypatch.setattr("omnilab_recordings.poses.positions.LARGEST_FILE", 10)
     with pytest.raises(DataError, match="is larger than"):
         Folder(root).plan(RecordedPoses())
 
 
 def test_images_too_large(write_recording, monkeypatch):
-    monkeypatch.setattr("omnilab_recordings.images.LARGEST_FILE", 10)
+    monkeypatch.setattr("omnilab_recordings.images.files.LARGEST_FILE", 10)
     with pytest.raises(DataError, match=r"img-0\.png is larger than"):
         read_all(Folder(write_recording(blank(1))))
 

@@ -25,8 +25,8 @@ from omnilab.geometry import heading_of, quaternion_xyzw, rotation_xyz, wrap_ang
 from omnilab.image import mirror_view, panorama
 from omnilab_recordings import Folder
 from omnilab_recordings.folder import OnBadImage
-from omnilab_recordings.positions import read_positions
-from omnilab_recordings.trajectory_poses import poses_of_images
+from omnilab_recordings.poses.positions import read_positions
+from omnilab_recordings.poses.trajectory_poses import poses_of_images
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 AMIENS = UnifiedCamera(

@@ -15,8 +15,8 @@ from omnilab.cameras import UnifiedCamera, save_camera
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import wrap_angle
 from omnilab_recordings import register_commands
-from omnilab_recordings.command import check
-from omnilab_recordings.handedness import drift_between, handedness, horizon
+from omnilab_recordings.checks.command import check
+from omnilab_recordings.checks.handedness import drift_between, handedness, horizon
 
 FOREST = Path(__file__).resolve().parents[4] / "shared" / "data" / "bearingnet_forest_grid"
 
@@ -27,7 +27,7 @@ def run(tmp_path_factory, capsys, monkeypatch):
 
     def run(folder, *options, draw=False):
         if not draw:
-            monkeypatch.setattr("omnilab_recordings.command.write_report_picture", lambda *_: None)
+            monkeypatch.setattr("omnilab_recordings.checks.command.write_report_picture", lambda *_: None)
         picture = tmp_path_factory.mktemp("out") / "found.png"
         before = sorted(Path(folder).rglob("*"))
         assert check([str(folder), "-o", str(picture), *options]) == 0

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from omnilab.errors import DataError
-from omnilab_recordings.circle import find_circle
+from omnilab_recordings.images.circle import find_circle
 
 SHAPE = (180, 240)
 

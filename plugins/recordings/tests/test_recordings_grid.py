@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from omnilab_recordings.grid import find_grid
-from omnilab_recordings.positions import Positions
+from omnilab_recordings.poses.grid import find_grid
+from omnilab_recordings.poses.positions import Positions
 
 
 def positions(xy_m, cells=None):

@@ -12,7 +12,7 @@ from omnilab.api import GridPoses, RecordedPoses
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, wrap_angle
 from omnilab_recordings import Folder
-from omnilab_recordings.filename_poses import PRESETS, Naming, positions_of
+from omnilab_recordings.poses.filename_poses import PRESETS, Naming, positions_of
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import numpy as np
 
 from omnilab.api import Floats
 from omnilab.errors import DataError
-from omnilab_recordings.images import read_bytes
+from omnilab_recordings.images.files import read_bytes
 
 
 def read_depth(folder: Path, image: str, shape: tuple[int, ...]) -> Floats:

@@ -9,7 +9,7 @@ import numpy as np
 
 from omnilab.api import Bytes, Floats, Ints
 from omnilab.geometry import heading_of, wrap_angle
-from omnilab_recordings.positions import Positions
+from omnilab_recordings.poses.positions import Positions
 
 BASES = 24  # images that are compared with neighbours, from all over the recording
 LARGEST_TURN_RAD = np.deg2rad(15.0)  # between neighbours

@@ -12,7 +12,7 @@ import numpy as np
 from omnilab.api import Floats, Ints
 from omnilab.errors import DataError
 from omnilab.trajectory.files import MOST_POSES, NoPoseError, PoseLineError, read_trajectory
-from omnilab_recordings.positions import Positions
+from omnilab_recordings.poses.positions import Positions
 
 SUFFIXES = frozenset({".txt", ".tum"})
 NEAR_NS = 20_000_000  # between the stamp of an image and of its pose: the benchmark's own tolerance

@@ -14,15 +14,15 @@ from omnilab.api import Bytes, RecordedPoses
 from omnilab.cameras import ImageCircle, RayCamera
 from omnilab.errors import ConfigError, DataError
 from omnilab.image import panorama
-from omnilab_recordings import dataset_check
 from omnilab_recordings.calibration import read_camera
-from omnilab_recordings.dataset_check import Finding
-from omnilab_recordings.filename_poses import PRESETS
+from omnilab_recordings.checks import dataset_check
+from omnilab_recordings.checks.dataset_check import Finding
+from omnilab_recordings.checks.handedness import Handedness, Horizon, drift_between, handedness, moves_rad, neighbours
+from omnilab_recordings.checks.handedness import horizon as horizon_of
+from omnilab_recordings.checks.report_picture import write_report_picture
 from omnilab_recordings.folder import Folder, OnBadImage
-from omnilab_recordings.handedness import Handedness, Horizon, drift_between, handedness, moves_rad, neighbours
-from omnilab_recordings.handedness import horizon as horizon_of
 from omnilab_recordings.optics import most_common_size
-from omnilab_recordings.report_picture import write_report_picture
+from omnilab_recordings.poses.filename_poses import PRESETS
 
 FLOW_SHAPE = (64, 512)  # of the panoramas in which drifts are measured
 COLORS = {"ok": "green", "look": "yellow", "?": "cyan"}

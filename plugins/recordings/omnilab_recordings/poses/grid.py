@@ -8,7 +8,7 @@ import numpy as np
 
 from omnilab.api import Bools, Floats, GridPoses, Ints
 from omnilab.errors import ConfigError, DataError
-from omnilab_recordings.positions import Positions
+from omnilab_recordings.poses.positions import Positions
 
 TOLERANCE_M = 0.01  # positions this close to a line of the grid are on it
 

@@ -13,7 +13,7 @@ import numpy as np
 from omnilab.api import Floats, Ints
 from omnilab.errors import ConfigError, DataError, did_you_mean
 from omnilab.geometry import rotation_xyz
-from omnilab_recordings.positions import Positions
+from omnilab_recordings.poses.positions import Positions
 
 LONGEST_PATTERN = 300  # characters; Python's re can take for ever where repetitions nest, so keep patterns plain
 LONGEST_PATH = 1024  # characters

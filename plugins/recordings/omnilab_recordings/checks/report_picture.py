@@ -10,8 +10,8 @@ import numpy as np
 from omnilab.api import Bytes, Camera, RecordedPoses
 from omnilab.geometry import heading_of
 from omnilab.image import panorama
+from omnilab_recordings.checks.handedness import Handedness
 from omnilab_recordings.folder import Folder
-from omnilab_recordings.handedness import Handedness
 
 THUMBNAILS = 8
 PANORAMA = (160, 960)  # rows, columns

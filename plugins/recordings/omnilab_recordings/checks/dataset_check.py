@@ -16,11 +16,11 @@ import numpy as np
 from omnilab.api import Bytes, Camera
 from omnilab.cameras import ImageCircle, RayCamera
 from omnilab.errors import DataError
-from omnilab_recordings.circle import find_circle
+from omnilab_recordings.checks.handedness import Handedness, Horizon
 from omnilab_recordings.folder import Folder
-from omnilab_recordings.handedness import Handedness, Horizon
-from omnilab_recordings.images import decode, read_bytes
-from omnilab_recordings.positions import Positions
+from omnilab_recordings.images.circle import find_circle
+from omnilab_recordings.images.files import decode, read_bytes
+from omnilab_recordings.poses.positions import Positions
 from omnilab_recordings.recording import Recording
 
 MOST = 2000  # images that are read; of more, as many from all over the recording

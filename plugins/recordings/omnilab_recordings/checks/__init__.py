@@ -1,0 +1,1 @@
+"""`omnilab check`: what a folder of images shows, before a study believes it."""

@@ -1,0 +1,1 @@
+"""Where images were taken: tables of positions, names, trajectories, grids."""
