@@ -37,17 +37,18 @@ MODELS: dict[str, type[Any]] = {
 }
 
 
-def save_camera(camera: RayCamera, path: Path) -> None:
+def save_camera(camera: RayCamera, path: Path | str) -> None:
     """Write a camera's model and settings; ConfigError for a camera of a model that is not in `MODELS`."""
     name = type(camera).__name__
     if MODELS.get(name) is not type(camera):
         raise ConfigError(f"a {name} cannot be written to {path}; a file can hold one of {', '.join(sorted(MODELS))}")
     settings = asdict(camera)  # type: ignore[call-overload]  # cameras are frozen dataclasses
-    path.write_text(json.dumps({"model": name, **settings}, indent=1) + "\n", encoding="utf-8")
+    Path(path).write_text(json.dumps({"model": name, **settings}, indent=1) + "\n", encoding="utf-8")
 
 
-def load_camera(path: Path) -> RayCamera:
+def load_camera(path: Path | str) -> RayCamera:
     """The camera in a file that `save_camera` wrote; DataError that names the key that is missing, unknown or wrong."""
+    path = Path(path)
     found = _read(path)
     name = found.pop("model", None)
     if name not in MODELS:

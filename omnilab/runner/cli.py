@@ -69,8 +69,7 @@ def _dispatch(argv: list[str]) -> int:
 
 def _help(registry: Registry) -> int:
     """What can be run. Hydra's own help copies all settings of all components for each kind, which takes seconds."""
-    experiments = (path.name for path in (files("omnilab.conf") / "experiment").iterdir())
-    names = {"experiment": sorted(name.removesuffix(".yaml") for name in experiments if name.endswith(".yaml"))}
+    names = {"experiment": _experiments()}
     names |= {kind: registry.names(kind) for kind in KINDS}
     sys.stdout.write(
         HELP.format(
@@ -79,6 +78,12 @@ def _help(registry: Registry) -> int:
         )
     )
     return 0
+
+
+def _experiments() -> list[str]:
+    """The names of the shipped experiments."""
+    names = (path.name for path in (files("omnilab.conf") / "experiment").iterdir())
+    return sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml"))
 
 
 def _plugins_command(name: str) -> hooks.Command:
@@ -141,6 +146,10 @@ def _print_manuals(names: Sequence[str], registry: Registry) -> None:
     console = Console(highlight=False, soft_wrap=True)
     for name in names:
         found = [c for c in registry.components.values() if name in {c.name, c.formerly}]
+        if not found and name in _experiments():
+            raise ConfigError(
+                f"'{name}' is an experiment, no component; its settings: omnilab experiment={name} --cfg job"
+            )
         if not found:
             known = sorted({component.name for component in registry.components.values()})
             raise ConfigError(f"there is no component '{name}'; there is {', '.join(known)}{did_you_mean(name, known)}")

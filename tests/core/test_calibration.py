@@ -40,6 +40,11 @@ def test_a_camera_comes_back_as_it_was(camera, tmp_path):
     assert load_camera(tmp_path / "camera.json") == camera
 
 
+def test_paths_may_be_texts(tmp_path):
+    save_camera(CAMERAS[0], str(tmp_path / "camera.json"))
+    assert load_camera(str(tmp_path / "camera.json")) == CAMERAS[0]
+
+
 def test_a_camera_without_a_model_cannot_be_written(tmp_path):
     with pytest.raises(ConfigError, match=r"a ImageCircle cannot be written .*OCamCamera"):
         save_camera(ImageCircle(10, 10, None), tmp_path / "camera.json")

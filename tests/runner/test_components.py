@@ -135,3 +135,13 @@ def test_the_manual_of_a_component_shows_its_settings(omnilab_here: Callable[...
     rc, out, err = omnilab_here("plugins", "radn")
     assert rc == 2
     assert "did you mean radon?" in err
+
+
+def test_the_manual_of_an_experiment_is_its_configuration(omnilab_here: Callable[..., Any]) -> None:
+    asked = omnilab_here("plugins", "recorded_grid")
+    assert asked.rc == 2
+    proposed = "experiment=recorded_grid --cfg job"
+    assert f"'recorded_grid' is an experiment, no component; its settings: omnilab {proposed}" in asked.stderr
+    followed = omnilab_here(*proposed.split())
+    assert followed.rc == 0
+    assert "every: 2" in followed.stdout

@@ -72,11 +72,12 @@ class MapStudy:
 
     def _show(self, parts: Parts, plan: Plan, places: Places, record: Recorder) -> None:
         """Log images and signatures of evenly spaced places."""
-        at = {key: i for i, key in enumerate(places.keys)}
+        at = {key: i for i, key in enumerate(places.keys)}  # as the plan names them: a sensor's frames may say more
         chosen = evenly(len(plan), self.show)
         for frames in deliver(parts, plan.at(chosen), record, "pictures"):
             for i, step in enumerate(chosen[frames.plan_index]):
-                show_frame(record, frames, i, places.signatures.place[at[frames.keys[i]]], Tick(int(step), int(step)))
+                signature = places.signatures.place[at[plan.keys[step]]]
+                show_frame(record, frames, i, signature, Tick(int(step), int(step)))
 
     def _place_poses(self) -> PoseRequest:
         if self.places is Source.recorded:
