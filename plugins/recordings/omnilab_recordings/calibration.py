@@ -6,13 +6,14 @@ from pathlib import Path
 
 from omnilab.cameras import OCamCamera, RayCamera, load_camera
 from omnilab.errors import ConfigError, DataError
+from omnilab_recordings.images.files import existing
 
 CAMERA_FILE = "camera.json"
 
 
 def read_camera(folder: Path, name: str | None, looks: str | None) -> tuple[Path, RayCamera] | None:
     """The file that describes the camera of a folder, and the camera; without a name camera.json, if it is there."""
-    file = folder / (name or CAMERA_FILE)
+    file = existing(folder / (name or CAMERA_FILE))
     if name is None and not file.is_file():
         if looks is not None:
             raise ConfigError(f"looks={looks!r} is given without a camera; give sensor.camera=FILE, or leave it out")

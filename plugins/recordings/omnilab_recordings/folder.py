@@ -19,8 +19,9 @@ from omnilab.cameras import ImageCircle, RayCamera
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import poses, rotation_xyz
 from omnilab_recordings.calibration import check_frame_of, read_camera
+from omnilab_recordings.images.decoding import decode
 from omnilab_recordings.images.depth import read_depth
-from omnilab_recordings.images.files import decode, read_bytes
+from omnilab_recordings.images.files import existing, read_bytes
 from omnilab_recordings.optics import Optics, check_circle, circle_of, most_common_size, off_ring, unseen_in
 from omnilab_recordings.poses.filename_poses import Naming, naming
 from omnilab_recordings.recording import POSITIONS_FILE, Recording, open_recording
@@ -129,7 +130,7 @@ class Folder:
 
     def _images(self, names: Sequence[str]) -> Iterator[_LoadedImage | str]:
         """Each image, or why it is left out."""
-        read = partial(_read, Path(self.path), self.optics, self.depth)
+        read = partial(_read, self.root, self.optics, self.depth)
         with ThreadPoolExecutor(2) as pool:
             for index, reading in enumerate(_ahead(pool, read, names)):
                 try:
@@ -156,10 +157,15 @@ class Folder:
         )
 
     @cached_property
+    def root(self) -> Path:
+        """The folder, by its name on disk."""
+        return existing(Path(self.path))
+
+    @cached_property
     def recording(self) -> Recording:
         """The images and their poses."""
         aside = [self.mask] if self.mask else []
-        return open_recording(Path(self.path), self.positions, self.pattern, aside, self._naming())
+        return open_recording(self.root, self.positions, self.pattern, aside, self._naming())
 
     def _naming(self) -> Naming | None:
         given = {
@@ -181,7 +187,7 @@ class Folder:
         sample = most_common_size(self.sample())
         camera = self._camera(sample)
         shape = sample[0].shape
-        unseen = np.zeros(shape, bool) if self.mask is None else unseen_in(Path(self.path), self.mask, shape)
+        unseen = np.zeros(shape, bool) if self.mask is None else unseen_in(self.root, self.mask, shape)
         if self.blank_outside:
             unseen |= off_ring(camera.circle, shape)
         return Optics(camera.flipped() if self.mirrored else camera, unseen, self.mirrored, self.color)
@@ -189,7 +195,7 @@ class Folder:
     def _camera(self, sample: Sequence[Bytes]) -> RayCamera | ImageCircle:
         """Camera of the files: as calibrated or, without a calibration, the circle."""
         height, width = sample[0].shape
-        if (calibrated := read_camera(Path(self.path), self.camera, self.looks)) is None:
+        if (calibrated := read_camera(self.root, self.camera, self.looks)) is None:
             return ImageCircle(width, height, circle_of(self.circle_px, sample), self.sky_inside)
         file, camera = calibrated
         if self.circle_px is not None or self.sky_inside:
@@ -206,7 +212,7 @@ class Folder:
         sample = []
         for at in np.unique(np.linspace(0, len(names) - 1, SAMPLE).astype(int)):
             try:
-                sample.append(decode(read_bytes(Path(self.path), names[at]), names[at]))
+                sample.append(decode(read_bytes(self.root, names[at]), names[at]))
             except DataError as error:
                 self._left_out(error)
         if not sample:

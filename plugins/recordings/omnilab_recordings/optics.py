@@ -14,7 +14,8 @@ import numpy as np
 from omnilab.api import Bools, Bytes, Camera, Circle
 from omnilab.errors import ConfigError, DataError
 from omnilab_recordings.images.circle import find_circle
-from omnilab_recordings.images.files import decode, read_bytes
+from omnilab_recordings.images.decoding import decode
+from omnilab_recordings.images.files import read_bytes
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path, PurePosixPath
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from omnilab.api import Bools, GridPoses, Ints, NamedPath, PathPoses, PoseRequest, RecordedPoses
 from omnilab.errors import ConfigError, DataError
-from omnilab_recordings.images.files import SUFFIXES, image_names
+from omnilab_recordings.images.files import SUFFIXES, as_on_disk, existing, image_names
 from omnilab_recordings.poses.filename_poses import Naming, positions_of
 from omnilab_recordings.poses.grid import PositionGrid, find_grid, on_grid
 from omnilab_recordings.poses.positions import Positions, read_positions
@@ -84,9 +85,10 @@ def open_recording(
 ) -> Recording:
     """List the images of a folder and read its positions file, or their names.
 
-    DataError unless the positions file names the images that lie beside those it names, and no others.
+    DataError unless the positions file names the images that lie beside those it names, and no others. Names that differ
+    in nothing but Unicode's forms (composed by one system, decomposed by another) are the same.
     """
-    if not folder.is_dir():
+    if not _is_folder(folder):
         raise DataError(f"the folder {folder} does not exist; give sensor.path=DIR, a folder of images")
     aside = {(folder / name).resolve() for name in not_images}
     found = [name for name in image_names(folder, pattern) if (folder / name).resolve() not in aside]
@@ -99,19 +101,28 @@ def open_recording(
     known = _positions_of(folder, positions, found)
     if known is None:
         return Recording(folder, found, None)
+    known = replace(known, images=as_on_disk(known.images, found))
     beside = {str(PurePosixPath(name).parent) for name in known.images}
     found = [name for name in found if str(PurePosixPath(name).parent) in beside]
     _check_same(folder / str(positions), known.images, found)
     return Recording(folder, known.images, known)
 
 
+def _is_folder(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except OSError as error:  # no permission, or no name that can be
+        raise DataError(
+            f"the folder {str(path)[:200]} cannot be read ({error.strerror}); give sensor.path=DIR"
+        ) from error
+
+
 def _positions_of(folder: Path, positions: str | None, found: Sequence[str]) -> Positions | None:
     if positions is None:
         return None
-    if (folder / positions).is_file():
-        if Path(positions).suffix.lower() in TRAJECTORIES:
-            return poses_of_images(folder / positions, found)
-        return read_positions(folder / positions)
+    file = existing(folder / positions)
+    if file.is_file():
+        return poses_of_images(file, found) if file.suffix.lower() in TRAJECTORIES else read_positions(file)
     if positions == POSITIONS_FILE:  # the default
         return None
     raise DataError(f"the positions file {folder / positions} does not exist; give sensor.positions=FILE or null")
@@ -128,7 +139,7 @@ def _check_no_file(folder: Path, positions: str | None) -> None:
 def _check_same(file: Path, named: Sequence[str], found: Sequence[str]) -> None:
     absent = sorted(set(named) - set(found))
     unnamed = sorted(set(found) - set(named))
-    problems = []
+    problems = [f"names {name} twice, in two forms of Unicode" for name in _twice(named)[:1]]
     if absent:
         problems.append(f"names {len(absent)} images that are not there ({_first(absent)})")
     if unnamed:
@@ -137,6 +148,10 @@ def _check_same(file: Path, named: Sequence[str], found: Sequence[str]) -> None:
         raise DataError(
             f"{file} {' and '.join(problems)}; mend its rows, or narrow sensor.pattern to the images it names"
         )
+
+
+def _twice(names: Sequence[str]) -> list[str]:
+    return [name for name, times in Counter(names).items() if times > 1]
 
 
 def _first(names: Sequence[str]) -> str:

@@ -34,7 +34,7 @@ def check(argv: Sequence[str]) -> int:
     output = _output(options.output, Path(options.folder))
     sensor, problem = _with_poses(_sensor(options))
     sensor, circle = _with_circle(sensor)
-    files = dataset_check.check_files(Path(sensor.path), sensor.recording.images, sensor.optics.camera)
+    files = dataset_check.check_files(sensor.root, sensor.recording.images, sensor.optics.camera)
     found, moving = _moves(sensor)
     horizon, level = _horizon(sensor, moving)
     findings = [
@@ -106,7 +106,7 @@ def _with_circle(sensor: Folder) -> tuple[Folder, Finding]:
     try:
         return sensor, dataset_check.of_circle(sensor, sensor.optics.camera, sample)
     except DataError as error:
-        if read_camera(Path(sensor.path), sensor.camera, sensor.looks) is not None:
+        if read_camera(sensor.root, sensor.camera, sensor.looks) is not None:
             raise
         height, width = sample[0].shape
         inscribed = [(width - 1) / 2, (height - 1) / 2, min(width, height) / 2]

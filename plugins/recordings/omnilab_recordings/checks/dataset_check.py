@@ -19,7 +19,8 @@ from omnilab.errors import DataError
 from omnilab_recordings.checks.handedness import Handedness, Horizon
 from omnilab_recordings.folder import Folder
 from omnilab_recordings.images.circle import find_circle
-from omnilab_recordings.images.files import decode, read_bytes
+from omnilab_recordings.images.decoding import decode
+from omnilab_recordings.images.files import read_bytes
 from omnilab_recordings.poses.positions import Positions
 from omnilab_recordings.recording import Recording
 

@@ -1,30 +1,88 @@
-"""Image files: listing and decoding."""
+"""Image files: which there are below a folder, and their content."""
 
 from __future__ import annotations
 
+import os
 import re
-from pathlib import Path
+import stat
+import unicodedata
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path, PurePosixPath
 
-import numpy as np
-
-from omnilab.api import Bytes
 from omnilab.errors import DataError
 
 SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"})
-LARGEST_FILE = 256 * 2**20  # bytes; OpenCV itself refuses more than 2^30 pixels
+LARGEST_FILE = 256 * 2**20  # bytes
+MOST_FILES = 1_000_000  # below a folder; a link to a whole disk is a mistake
 
 
 def image_names(folder: Path, pattern: str) -> list[str]:
     """Paths below the folder of the images that match a glob pattern; numbers in names count (img-2 before img-10).
 
-    What is hidden (its name starts with a dot) is no image.
+    What is hidden (its name starts with a dot) is no image. Links to folders are followed.
     """
-    found = (file.relative_to(folder) for file in folder.glob(pattern) if file.suffix.lower() in SUFFIXES)
-    return sorted((name.as_posix() for name in found if not _hidden(name)), key=_by_number)
+    parts = PurePosixPath(composed(pattern)).parts
+    names = (file.relative_to(folder).as_posix() for file in _files(folder) if file.suffix.lower() in SUFFIXES)
+    return sorted((name for name in names if _matches(composed(name).split("/"), parts)), key=_by_number)
 
 
-def _hidden(name: Path) -> bool:
-    return any(part.startswith(".") for part in name.parts)
+def composed(name: str) -> str:
+    """A name in Unicode's composed form (NFC), in which names of systems that decompose them (NFD) compare equal."""
+    return unicodedata.normalize("NFC", name)
+
+
+def as_on_disk(named: Iterable[str], found: Sequence[str]) -> list[str]:
+    """Names as the files have them, where these are the same but for Unicode's forms; others as they are."""
+    there, other_form = set(found), {composed(name): name for name in found}
+    return [name if name in there else other_form.get(composed(name), name) for name in named]
+
+
+def existing(path: Path) -> Path:
+    """The path, its parts as they are on disk where these are the same but for Unicode's forms."""
+    try:
+        if path.exists() or path.parent == path:
+            return path
+        parent = existing(path.parent)
+        same = (other for other in parent.iterdir() if composed(other.name) == composed(path.name))
+        return next(same, parent / path.name)
+    except OSError:
+        return path
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    """Every file below the folder that is not hidden, once: its own path before those that lead through links."""
+    count, walked, tops = 0, set[tuple[int, int]](), deque([folder])
+    while tops:
+        for at, folders, files in os.walk(tops.popleft()):
+            here = Path(at).stat()
+            if (here.st_dev, here.st_ino) in walked:
+                folders.clear()
+                continue
+            walked.add((here.st_dev, here.st_ino))
+            folders[:] = [name for name in folders if not name.startswith(".")]
+            tops += [link for name in folders if (link := Path(at, name)).is_symlink() and not _holds(link, folder)]
+            count += len(files)
+            if count > MOST_FILES:
+                raise DataError(
+                    f"{folder} holds more than {MOST_FILES} files; give sensor.path=DIR, a folder of images"
+                )
+            yield from (Path(at, name) for name in files if not name.startswith("."))
+
+
+def _holds(link: Path, folder: Path) -> bool:
+    """Whether a link leads back to where the folder itself lies."""
+    return folder.resolve().is_relative_to(link.resolve())
+
+
+def _matches(name: Sequence[str], pattern: Sequence[str]) -> bool:
+    """As `Path.glob` has it: `**` is any number of folders, other wildcards stay within a name."""
+    if not pattern:
+        return not name
+    if pattern[0] == "**":
+        return len(pattern) > 1 and (_matches(name, pattern[1:]) or (len(name) > 1 and _matches(name[1:], pattern)))
+    return bool(name) and fnmatchcase(name[0], pattern[0]) and _matches(name[1:], pattern[1:])
 
 
 def _by_number(name: str) -> tuple[list[str | int], str]:
@@ -34,29 +92,18 @@ def _by_number(name: str) -> tuple[list[str | int], str]:
 
 def read_bytes(folder: Path, name: str) -> bytes:
     """The content of a file below the folder; DataError if it cannot be read or is too large for an image."""
-    file = folder / name
+    file = existing(folder / name)
     try:
-        if file.stat().st_size > LARGEST_FILE:
+        found = file.stat()
+        if not stat.S_ISREG(found.st_mode):  # reading a pipe would wait for ever
+            raise DataError(f"{name} is no file but a {_kind(found.st_mode)}")
+        if found.st_size > LARGEST_FILE:
             raise DataError(f"{name} is larger than {LARGEST_FILE >> 20} MiB")
         return file.read_bytes()
     except OSError as error:
         raise DataError(f"{name} cannot be read ({error.strerror})") from error
 
 
-def decode(data: bytes, name: str, color: bool = False) -> Bytes:
-    """Pixels (H, W), or RGB (H, W, 3), of an image file as they are stored, whatever its orientation tag says.
-
-    DataError if the data are no image, or not the whole of one.
-    """
-    import cv2
-
-    if data.startswith(b"\xff\xd8") and data.rfind(b"\xff\xd9") < data.rfind(b"\xff\xda"):
-        raise DataError(f"{name} is truncated: its JPEG data have no end")
-    mode = cv2.IMREAD_COLOR_RGB if color else cv2.IMREAD_GRAYSCALE
-    try:
-        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), mode | cv2.IMREAD_IGNORE_ORIENTATION) if data else None
-    except cv2.error as error:
-        raise DataError(f"{name} cannot be decoded ({error.err})") from error
-    if pixels is None:
-        raise DataError(f"{name} is {'truncated or no image' if data else 'empty'}")
-    return np.asarray(pixels, np.uint8)
+def _kind(mode: int) -> str:
+    kinds = {stat.S_IFIFO: "pipe", stat.S_IFSOCK: "socket", stat.S_IFDIR: "folder"}
+    return kinds.get(stat.S_IFMT(mode), "device")
