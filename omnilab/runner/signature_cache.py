@@ -14,7 +14,7 @@ import numpy as np
 
 from omnilab.api import Bytes, Signatures, Trainable, is_cached
 from omnilab.runner.fingerprint import fingerprint
-from omnilab.runner.signature_store import SignatureStore, is_alike, keys_of, put
+from omnilab.runner.signature_store import SignatureStore, is_alike, keys_of, own_files, put
 
 log = logging.getLogger("omnilab")
 
@@ -27,8 +27,8 @@ class SignatureCache:
     """Keeps what descriptors say about images, and gives it back bit for bit.
 
     In its folder each descriptor has a folder, named by the digest of its `fingerprint`, which is in `about.txt`. When
-    the files take more than `limit_bytes`, those that were used longest ago go. What is wrong with a file or with the
-    disk is logged once, and costs only the saving.
+    these files take more than `limit_bytes`, those that were used longest ago go; nothing else in the folder is counted
+    or touched. What is wrong with a file or with the disk is logged once, and costs only the saving.
     """
 
     def __init__(self, folder: Path, limit_bytes: int, threads: int) -> None:
@@ -147,8 +147,8 @@ class _File(NamedTuple):
 
 
 def _files(folder: Path) -> Iterator[_File]:
-    """All that takes space; other processes may be at work."""
-    for path in folder.glob("*/*"):
+    """All files of ours, which take space; other processes may be at work."""
+    for path in own_files(folder):
         with suppress(FileNotFoundError):
             stat = path.stat()
             yield _File(path, stat.st_size, stat.st_mtime)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import secrets
 import zipfile
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +19,9 @@ import numpy.typing as npt
 from omnilab.api import Array, Bytes, Signatures
 
 KEY_BYTES = 16  # of an image's digest
+ABOUT = "about.txt"  # names the descriptor; its digest is the name of the folder
+LONGEST_ABOUT = 2**20  # bytes
+OWN_NAME = re.compile(r"[0-9a-f]{32}\.npz|([0-9a-f]{32}|about)\.\d+-[0-9a-f]{8}\.part")
 DAMAGED = (ValueError, KeyError, EOFError, MemoryError, NotImplementedError, zipfile.BadZipFile)
 Arrays = dict[str, Array]
 
@@ -28,6 +32,41 @@ def keys_of(images: Bytes) -> list[bytes]:
     return [hashlib.sha256(kind + image.tobytes()).digest()[:KEY_BYTES] for image in images]
 
 
+def own_files(cache: Path) -> Iterator[Path]:
+    """The files in a cache's folder that a `SignatureStore` wrote, by their names and by what the folder says of itself.
+
+    The folder may be one that the user keeps other things in: what is not surely ours is not to be counted nor removed.
+    """
+    for about in cache.glob(f"*/{ABOUT}"):
+        if is_own_folder(about.parent):
+            yield from (file for file in about.parent.iterdir() if _is_own(file))
+
+
+def is_own_folder(folder: Path) -> bool:
+    """Whether the folder is named by the digest of what its `about.txt` says."""
+    about = folder / ABOUT
+    try:
+        if not _is_plain(about) or about.stat().st_size > LONGEST_ABOUT:
+            return False
+        return folder.name == _digest(about.read_bytes())
+    except OSError:  # thrown away meanwhile, or not ours to read
+        return False
+
+
+def _is_own(file: Path) -> bool:
+    """Whether a file in a folder of ours is ours."""
+    return OWN_NAME.fullmatch(file.name) is not None and _is_plain(file)
+
+
+def _is_plain(file: Path) -> bool:
+    """Whether it is a regular file, no link to one elsewhere."""
+    return file.is_file() and not file.is_symlink()
+
+
+def _digest(about: bytes) -> str:
+    return hashlib.sha256(about).hexdigest()[:32]
+
+
 class SignatureStore:
     """A folder with one .npz file for each batch: the digests `keys` (N, 16) of its images and their signatures.
 
@@ -36,7 +75,7 @@ class SignatureStore:
     """
 
     def __init__(self, folder: Path, about: str, damaged: Callable[[Path, Exception], None]) -> None:
-        self.folder = folder / hashlib.sha256(about.encode()).hexdigest()[:32]
+        self.folder = folder / _digest(about.encode())
         self._about = about
         self._damaged = damaged
         self._index: dict[bytes, tuple[Path, int]] = {}  # an image's digest: file and row
@@ -72,26 +111,31 @@ class SignatureStore:
     def store(self, keys: Sequence[bytes], made: Signatures) -> int:
         """Write one batch; how many bytes it takes. OSError if the disk does not take it."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        about = self.folder / "about.txt"
-        if not about.exists():
-            about.write_text(self._about, encoding="utf-8")
+        if not is_own_folder(self.folder):  # new, or its writer was killed
+            self._write(self.folder / ABOUT, lambda out: out.write(self._about.encode()))
         joined = b"".join(keys)
         file = self.folder / f"{hashlib.sha256(joined).hexdigest()[:32]}.npz"
-        part = file.with_suffix(f".{os.getpid()}-{secrets.token_hex(4)}.part")
         arrays: dict[str, Any] = {"keys": np.frombuffer(joined, np.uint8).reshape(-1, KEY_BYTES), "place": made.place}
+        arrays |= {} if made.heading is None else {"heading": made.heading}
+        size = self._write(file, lambda out: np.savez(out, **arrays))
+        self._take_up(file, keys)
+        return size
+
+    def _write(self, file: Path, write: Callable[[BinaryIO], object]) -> int:
+        """Write a file under another name, then give it its own; its size in bytes."""
+        part = self.folder / f"{file.stem}.{os.getpid()}-{secrets.token_hex(4)}.part"
         try:
             with part.open("wb") as out:
-                np.savez(out, **arrays if made.heading is None else arrays | {"heading": made.heading})
+                write(out)
             size = part.stat().st_size
             part.replace(file)
         finally:
             part.unlink(missing_ok=True)
-        self._take_up(file, keys)
         return size
 
     def _refresh(self) -> None:
         """Take up the files that have appeared, by whatever process."""
-        for file in sorted(set(self.folder.glob("*.npz")) - self._seen):
+        for file in sorted(set(filter(_is_own, self.folder.glob("*.npz"))) - self._seen):
             if arrays := self._read(file, ("keys",)):
                 self._take_up(file, [key.tobytes() for key in arrays["keys"]])
 

@@ -216,13 +216,47 @@ def test_what_was_used_longest_ago_goes_first(probe, cache, tmp_path, made_anew)
 def test_what_a_dead_writer_left_goes_when_room_is_made(probe, cache, images, tmp_path):
     cache().wrap(probe.Rows()).describe(images[:5])
     (folder,) = (tmp_path / "cache").iterdir()
-    old, new = folder / "a.1-00.part", folder / "b.2-00.part"
+    old, new = (folder / f"{name:032x}.{name}-{name:08x}.part" for name in (1, 2))
     for part in (old, new):
         part.write_bytes(b"x" * 5000)
     os.utime(old, (time.time() - 7200, time.time() - 7200))
     cache(limit=100).wrap(probe.Rows()).describe(images[5:])
     assert not old.exists()
     assert new.exists(), "someone may still be writing it"
+
+
+@pytest.mark.parametrize("how", ["beside it", "in a folder of the cache", "named like one of the cache", "a link"])
+def test_nothing_of_the_users_is_counted_or_removed(probe, cache, images, tmp_path, how):
+    """`cache=DIR` may name a folder that holds other things, also .npz files."""
+    cache().wrap(probe.Rows()).describe(images[:5])
+    (folder,) = (tmp_path / "cache").iterdir()
+    own = set(folder.iterdir())
+    mine = {
+        "beside it": tmp_path / "cache" / "data" / "precious.npz",
+        "in a folder of the cache": folder / "precious.npz",
+        "named like one of the cache": tmp_path / "cache" / ("0" * 32) / ("1" * 32 + ".npz"),
+        "a link": folder / ("2" * 32 + ".npz"),
+    }[how]
+    mine.parent.mkdir(exist_ok=True)
+    if how == "a link":
+        (tmp_path / "precious.npz").write_bytes(b"mine" * 100_000)
+        mine.symlink_to(tmp_path / "precious.npz")
+    else:
+        mine.write_bytes(b"mine" * 100_000)
+        (mine.parent / "about.txt").exists() or (mine.parent / "about.txt").write_text("my experiments")
+    os.utime(mine, (0, 0))
+    cache(limit=300_000).wrap(probe.Rows()).describe(images[5:])
+    assert mine.read_bytes() == b"mine" * 100_000
+    assert own < set(folder.iterdir()), "the cache itself is within its limit: nothing had to go"
+
+
+def test_a_folder_whose_text_was_torn_is_taken_up_again(probe, cache, images, tmp_path, made_anew):
+    cache().wrap(probe.Rows()).describe(images)
+    (about,) = tmp_path.glob("cache/*/about.txt")
+    about.write_text("")
+    assert made_anew(cache, probe.Rows(), images) == 0
+    cache().wrap(probe.Rows()).describe(images[::-1, ::-1])
+    assert "threads" in about.read_text()
 
 
 WRITER = """
