@@ -6,6 +6,7 @@ import hashlib
 import io
 import json
 import os
+import secrets
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
@@ -53,15 +54,18 @@ class DataSet:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             begun = (self.folder / ABOUT).exists()
-            if not begun and any(self.folder.iterdir()):
+            if not begun and not all(_is_left_over(path) for path in self.folder.iterdir()):
                 raise DataError(f"{self.setting}={self.folder} is neither empty nor a data set; give a new folder")
-            (self.folder / "images").mkdir(exist_ok=True)
         except OSError as error:
             raise self._not_written(error) from error
         if begun:
             self._check_same(contents)
-        else:
+        else:  # before anything else: whatever is in the folder is then known to be of this data set
             self._write_about({**contents, "complete": False})
+        try:
+            (self.folder / "images").mkdir(exist_ok=True)
+        except OSError as error:
+            raise self._not_written(error) from error
 
     def write(self, n: int, pixels: Bytes, depth_m: Floats | None) -> None:
         """Frame n: pixels (H, W[, 3]) and depth (H, W)."""
@@ -136,10 +140,15 @@ class DataSet:
         self._write(self.folder / ABOUT, (json.dumps(about, indent=1, default=str) + "\n").encode())
 
     def _write(self, file: Path, data: bytes) -> None:
-        part = file.with_name(f"{file.name}.part")
+        part = file.with_name(
+            f"{file.name}.{os.getpid()}-{secrets.token_hex(4)}.part"
+        )  # another process may write it too
         try:
-            part.write_bytes(data)
-            part.replace(file)
+            try:
+                part.write_bytes(data)
+                part.replace(file)
+            finally:
+                part.unlink(missing_ok=True)
         except OSError as error:
             raise self._not_written(error) from error
 
@@ -148,6 +157,13 @@ class DataSet:
             f"{self.setting}={self.folder} cannot be written ({os.strerror(error.errno or 0)}); give another folder,"
             " or make room"
         )
+
+
+def _is_left_over(path: Path) -> bool:
+    """Whether it is what a process left that was killed before it had written what the data set is."""
+    if path.is_dir():
+        return path.name == "images" and not any(path.iterdir())
+    return path.name.startswith(f"{ABOUT}.") and path.suffix == ".part"
 
 
 def contents_of(parts: Parts, plan: Plan, seed: int) -> dict[str, Any]:

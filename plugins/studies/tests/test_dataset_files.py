@@ -1,0 +1,77 @@
+"""Files of a data set: what a killed process or a second one leaves stops nobody, and what is not ours is refused."""
+
+import contextlib
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from omnilab.errors import DataError
+from omnilab_studies.common.dataset_files import DataSet
+
+CONTENTS = {"sensor": {"class": "package.Sensor"}, "planned": 2}
+
+
+class KilledError(BaseException):
+    """The process ends here."""
+
+
+@pytest.mark.parametrize("operation", ["mkdir", "write_bytes", "replace"])
+@pytest.mark.parametrize("times", [1, 2, 3])
+def test_a_data_set_begins_again_from_every_point_at_which_it_was_killed(tmp_path, monkeypatch, operation, times):
+    data, left = DataSet(tmp_path / "set"), [times]
+    real = getattr(Path, operation)
+
+    def killed(self, *args, **kwargs):
+        left[0] -= 1
+        if left[0] == 0:
+            if operation == "write_bytes":
+                real(self, args[0][:10])
+            raise KilledError
+        return real(self, *args, **kwargs)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, operation, killed)
+        patch.setattr(Path, "unlink", lambda *_, **__: None)  # a killed process cleans nothing up
+        with contextlib.suppress(KilledError):
+            data.open(CONTENTS)
+    data.open(CONTENTS)
+    data.write(0, np.zeros((2, 2), np.uint8), None)
+    assert data.has(0)
+
+
+def test_what_a_killed_process_of_an_earlier_version_left_is_no_hindrance(tmp_path):
+    (tmp_path / "images").mkdir()
+    (tmp_path / "dataset.json.part").write_text("{")
+    DataSet(tmp_path).open(CONTENTS)
+
+
+@pytest.mark.parametrize("name", ["images/mine.png", "mine.part", "notes.txt"])
+def test_a_folder_with_files_of_somebody_else_is_refused(tmp_path, name):
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_text("mine")
+    with pytest.raises(DataError, match="neither empty nor a data set; give a new folder"):
+        DataSet(tmp_path).open(CONTENTS)
+    assert (tmp_path / name).read_text() == "mine"
+
+
+def test_two_that_write_the_same_files_do_not_meet(tmp_path):
+    data, failed = DataSet(tmp_path), []
+    data.open(CONTENTS)
+
+    def write():
+        try:
+            for n in range(50):
+                data.write(n % 2, np.full((8, 8), n % 2, np.uint8), np.ones((8, 8)))
+        except DataError as error:
+            failed.append(error)
+
+    threads = [threading.Thread(target=write) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert failed == []
+    assert [int(data.read(n).max()) for n in (0, 1)] == [0, 1]
+    assert not list(tmp_path.rglob("*.part"))
