@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import sys
 from collections import Counter
 from collections.abc import Iterator
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 
 HEIGHT_M = 1.0  # where the free share of the map is counted: the sensors' default
 STEP_M = 0.1
+MAX_NODES = 100_000  # at which it is counted; on larger maps they are farther apart
 
 
 def world_command(argv: list[str]) -> int:
@@ -23,10 +25,12 @@ def world_command(argv: list[str]) -> int:
     actions = parser.add_subparsers(dest="action", required=True)
     actions.add_parser("list", help="the worlds that are shipped, and their variants")
     check = actions.add_parser("check", help="what is in a world file, and what is wrong with it")
-    check.add_argument("world", metavar="FILE", help="a YAML file, or the name of a shipped world")
+    check.add_argument("world", metavar="FILE", help="a YAML or mesh file, or the name of a shipped world")
     check.add_argument("--variant", help="one of its variants; without it, the world as it is and all its variants")
+    check.add_argument("--up", choices=("y", "z"), help="of a mesh file: its axis that points up, as sensor.up")
+    check.add_argument("--scale", type=float, default=1.0, help="of a mesh file: metres a unit of it, as sensor.scale")
     chosen = parser.parse_args(argv)
-    return _list() if chosen.action == "list" else _check(chosen.world, chosen.variant)
+    return _list() if chosen.action == "list" else _check(chosen.world, chosen.variant, chosen.up, chosen.scale)
 
 
 def _list() -> int:
@@ -37,15 +41,16 @@ def _list() -> int:
     return 0
 
 
-def _check(name: str, variant: str | None) -> int:
+def _check(name: str, variant: str | None, up: str | None, scale: float) -> int:
     from omnilab_mirror.lint import warnings_of
     from omnilab_mirror.scene.load import problems_of
 
-    built, problems = problems_of(name, variant)
+    logging.getLogger("omnilab").addHandler(logging.NullHandler())  # the notes are said here
+    built, problems = problems_of(name, variant, up, scale)
     worlds = {variant: built}
     if variant is None and built is not None:
         for other in built.variants:
-            worlds[other], more = problems_of(name, other)
+            worlds[other], more = problems_of(name, other, up, scale)
             problems += more
     if built is not None:
         for line in _summary(built):
@@ -64,28 +69,36 @@ def _check(name: str, variant: str | None) -> int:
 
 
 def _summary(world: World) -> Iterator[str]:
-    yield from world.notes
-    texels = sum(float(np.linalg.norm(np.cross(quad.u, quad.v))) for quad in world.quads) * world.texels_per_m**2
-    names = Counter({quad.seed[0]: quad.name for quad in world.quads}.values())
-    triangles = sum(len(mesh.corners) for mesh in world.meshes)
-    meshes = f", {triangles} triangles" if triangles else ""
-    yield f"{len(world.quads)} faces{meshes}, {texels / 1e6:.1f} million texels, {len(world.light.lamps)} lamps"
+    yield from world.contents
+    if world.quads:
+        yield from _faces(world)
     for area in world.areas:
         x, y, z = area.high - area.low
         yield f"{area.name}: {x:g} x {y:g} m" + (f", {z:g} m high" if z < 500 else "")
-    yield f"map: {world.map_m[0]:g} x {world.map_m[1]:g} m, {free_share(world):.0%} of it free at {HEIGHT_M:g} m"
-    yield "objects: " + ", ".join(f"{count} {name}" if count > 1 else name for name, count in sorted(names.items()))
+    x, y = world.map_m
+    yield f"map: {x:.5g} x {y:.5g} m, {free_share(world):.0%} of it free at {HEIGHT_M:g} m"
+    if world.quads:
+        names = Counter({quad.seed[0]: quad.name for quad in world.quads}.values())
+        yield "objects: " + ", ".join(f"{count} {name}" if count > 1 else name for name, count in sorted(names.items()))
     for name, path in world.paths.items():
         yield f"path {name}: {path.length_m:.2f} m, {len(path.poses(HEIGHT_M))} images"
     if world.variants:
         yield "variants: " + ", ".join(world.variants)
+    for note in world.notes:
+        yield f"note: {note}"
+
+
+def _faces(world: World) -> Iterator[str]:
+    texels = sum(float(np.linalg.norm(np.cross(quad.u, quad.v))) for quad in world.quads) * world.texels_per_m**2
+    yield f"{len(world.quads)} faces, {texels / 1e6:.1f} million texels, {len(world.light.lamps)} lamps"
 
 
 def free_share(world: World) -> float:
     """Of the map's nodes on a grid, at the default height and with a robot below: the share that is free."""
     from omnilab_mirror.render.free_space import obstacles
 
-    x, y = (np.arange(-side / 2, side / 2 + 1e-9, STEP_M) for side in world.map_m)
+    step_m = max(STEP_M, float(np.sqrt(np.prod(world.map_m) / MAX_NODES)))
+    x, y = (np.arange(-side / 2, side / 2 + 1e-9, step_m) for side in world.map_m)
     points = np.array([(px, py, HEIGHT_M) for py in y for px in x])
     return float(np.mean([not why for why in obstacles(world, points, on_floor=True)]))
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from omnilab.api import Floats
 from omnilab_mirror.render.free_space import obstacles
+from omnilab_mirror.scene.meshes.hints import unit_of_areas
 from omnilab_mirror.scene.quads import Quad, Solid
 from omnilab_mirror.scene.world import World
 
@@ -19,6 +20,8 @@ OPEN_M = 500.0  # an area as high as this has no ceiling
 
 def warnings_of(world: World) -> Iterator[str]:
     """The warnings, one sentence each."""
+    if question := unit_of_areas(world.areas):
+        yield question
     yield from _areas(world)
     yield from _lamps(world)
     yield from _outside(world)
@@ -28,6 +31,8 @@ def warnings_of(world: World) -> Iterator[str]:
 
 
 def _areas(world: World) -> Iterator[str]:
+    if not world.areas and world.meshes:
+        return  # outside a mesh there is no floor, which is seen without an area
     if not world.areas:
         yield "there is no room and no area, so viewpoints may be anywhere; add one"
         return
@@ -81,9 +86,9 @@ def _paths(world: World) -> Iterator[str]:
 
 def _same_plane(world: World) -> Iterator[str]:
     """Pairs of quads that face the same side in one plane, and overlap: which one is seen changes from pixel to pixel."""
-    normals = np.array([np.cross(quad.u, quad.v) for quad in world.quads])
+    normals = np.array([np.cross(quad.u, quad.v) for quad in world.quads]).reshape(-1, 3)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    offsets = np.einsum("fi,fi->f", normals, [quad.corner for quad in world.quads])
+    offsets = np.einsum("fi,fi->f", normals, np.array([quad.corner for quad in world.quads]).reshape(-1, 3))
     on_floor = normals[:, 2] < -0.999  # seen by nobody
     on_floor &= np.isin(np.round(-offsets, 3), [round(float(area.low[2]), 3) for area in world.areas])
     alike = (normals @ normals.T > 1 - 1e-6) & (np.abs(offsets[:, None] - offsets) < SAME_PLANE_M)

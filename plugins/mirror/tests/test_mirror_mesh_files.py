@@ -76,7 +76,7 @@ OBJ = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl i
         ("a.obj", "v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n", "1 triangles, the first in .* NaN or infinite; clean"),
         ("a.obj", "v 0 0 0\nv inf 0 0\nv 0 1 0\nf 1 2 3\n", "NaN or infinite"),
         ("a.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "none of its 1 triangles has an area"),
-        ("a.obj", "v 0 0 0\nv 9e3 0 0\nv 0 9e3 0\nf 1 2 3\n", "9000 x 9000 m, a world may have 5000 m; .* scale: 0.001"),
+        ("a.obj", "v 0 0 0\nv 9e3 0 0\nv 0 9e3 0\nf 1 2 3\n", "9000 x 9000 m and 0 m high, a world may have 5000 m; .* scale: 0.001"),
         ("a.obj", "v 0 0 0\nv 1 0 0\nf 1 2 9\n", "is no whole OBJ file|no vertex"),
         ("a.glb", "glTF and then nothing", "is no whole GLB file .*; save it again"),
         ("a.ply", "ply\nformat binary_little_endian 1.0\nelement vertex 1000000000\nproperty float x\nend_header\n", "is no whole PLY file|holds no triangles"),
@@ -97,7 +97,7 @@ def test_a_file_that_is_not_there(tmp_path):
     ("texture", "reason"),
     [
         ("missing.png", "No such file"),
-        ("../outside.png", "outside the mesh's folder"),
+        ("../outside.png", "outside the folder"),
         ("broken.png", "cannot identify"),
         ("cut.png", "[Tt]runcated|broken"),
     ],

@@ -14,6 +14,7 @@ import numpy as np
 from omnilab.errors import ConfigError, DataError
 from omnilab_mirror.scene.file_stamps import Stamp, stamp_of, stamps_of
 from omnilab_mirror.scene.light import Illumination, light
+from omnilab_mirror.scene.meshes.hints import unit_of_areas
 from omnilab_mirror.scene.model import Model
 from omnilab_mirror.scene.objects import add_object
 from omnilab_mirror.scene.paths import route
@@ -22,7 +23,7 @@ from omnilab_mirror.scene.textures.images import images_of
 from omnilab_mirror.scene.textures.procedural import paint, sky_of
 from omnilab_mirror.scene.variants import content
 from omnilab_mirror.scene.world import World
-from omnilab_mirror.scene.world_yaml import read, suggestion
+from omnilab_mirror.scene.world_yaml import MAX_BYTES, read, suggestion
 
 MAX_TEXELS = 40_000_000
 MESH_FILES = (".obj", ".glb", ".ply", ".gltf", ".stl", ".off", ".dae", ".fbx", ".usd", ".usdz", ".blend", ".3ds")
@@ -36,38 +37,52 @@ def shipped() -> dict[str, Path]:
     return {file.stem: file for file in sorted(found) if file.suffix == ".yaml"}
 
 
-def load_world(world: str, variant: str | None = None) -> World:
+def load_world(world: str, variant: str | None = None, up: str | None = None, scale: float = 1.0) -> World:
     """A world that is shipped, by name, or the one in a YAML or mesh file; as it is, or in one of its variants.
 
+    `up`, `scale`: of a mesh file, its axis that points up ("y" or "z"; None: its format's) and metres a unit of it.
     It is kept until one of its files changes.
     """
     file = file_of(world)
-    kept = _kept(file, variant)
+    kept = _kept(file, variant, up, scale)
     if kept.sources != stamps_of(kept.sources):
         _load.cache_clear()
         _mesh.cache_clear()
-        kept = _kept(file, variant)
+        kept = _kept(file, variant, up, scale)
     return kept
 
 
-def _kept(file: Path, variant: str | None) -> World:
+def _kept(file: Path, variant: str | None, up: str | None, scale: float) -> World:
     if file.suffix.lower() not in MESH_FILES:
+        _check_no_mesh(file, up, scale)
         return _load(file, _bytes(file), variant)
     if variant is not None:
         raise ConfigError(f"variant={variant!r} of {file} does not exist: a mesh file has none; give variant=null")
-    return _mesh(file, stamp_of(file))
+    return _mesh(file, stamp_of(file), up, scale)
 
 
-def problems_of(world: str, variant: str | None = None) -> tuple[World | None, list[DataError]]:
+def problems_of(
+    world: str, variant: str | None = None, up: str | None = None, scale: float = 1.0
+) -> tuple[World | None, list[DataError]]:
     """The world, where it can be built in spite of them, and all that is wrong with its file."""
     problems: list[DataError] = []
     file = file_of(world)
     try:
         if file.suffix.lower() in MESH_FILES:
-            return load_world(world, variant), problems
+            return load_world(world, variant, up, scale), problems
+        _check_no_mesh(file, up, scale)
         return _build(file, _bytes(file), variant, problems), problems
     except DataError as error:
         return None, [*problems, error]
+
+
+def _check_no_mesh(file: Path, up: str | None, scale: float) -> None:
+    given = f"up={up}" if up is not None else f"scale={scale:g}" if scale != 1 else ""
+    if given:
+        raise ConfigError(
+            f"{given} is of a mesh file that is the world, and {file} is a world file; write"
+            f" '{given.replace('=', ': ')}' in its entry of kind mesh"
+        )
 
 
 def file_of(world: str) -> Path:
@@ -82,16 +97,21 @@ def file_of(world: str) -> Path:
 
 def _bytes(file: Path) -> bytes:
     try:
+        size = file.stat().st_size
+        if size > MAX_BYTES:
+            raise DataError(
+                f"{file} has {size} bytes, a world file may have {MAX_BYTES}; split the world or shorten it"
+            )
         return file.read_bytes()
     except OSError as error:
         raise ConfigError(f"{file} cannot be read ({error.strerror}); give the path of a YAML or mesh file") from None
 
 
 @lru_cache(maxsize=2)
-def _mesh(file: Path, stamp: Stamp) -> World:  # noqa: ARG001  another time is another mesh
+def _mesh(file: Path, stamp: Stamp, up: str | None, scale: float) -> World:  # noqa: ARG001  another time, another mesh
     from omnilab_mirror.scene.meshes.mesh_world import world_of_mesh
 
-    return world_of_mesh(file)
+    return world_of_mesh(file, up, scale)
 
 
 @lru_cache(maxsize=4)
@@ -119,8 +139,9 @@ def _build(file: Path, data: bytes, variant: str | None, problems: list[DataErro
     routes = {name: _try(problems, route, path) for name, path in paths.items()}
     texels = sum(float(np.linalg.norm(np.cross(quad.u, quad.v))) for quad in model.quads) * density**2
     if not problems and (not (model.quads or model.meshes) or texels > MAX_TEXELS):
+        advice = unit_of_areas(model.areas) or "set texels_per_m"
         raise DataError(
-            f"{file} needs {texels:.0f} texels; a world needs a face, and up to {MAX_TEXELS} texels: set texels_per_m"
+            f"{file} needs {texels:.0f} texels; a world needs a face, and up to {MAX_TEXELS} texels: {advice}"
         )
     named = images_of(textures.values()) if not problems else []
     pictures = [path.read_bytes() for path in named]
@@ -138,6 +159,7 @@ def _build(file: Path, data: bytes, variant: str | None, problems: list[DataErro
         {name: found for name, found in routes.items() if found},
         tuple(s.named("variants")),
         [mesh.triangles for mesh in model.meshes],
+        [mesh.content for mesh in model.meshes],
         [note for mesh in model.meshes for note in mesh.notes],
         stamps_of(named) | {path: stamp for mesh in model.meshes for path, stamp in mesh.sources.items()},
     )

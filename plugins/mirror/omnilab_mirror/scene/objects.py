@@ -9,7 +9,9 @@ import numpy as np
 
 from omnilab.errors import DataError
 from omnilab_mirror.scene.architecture import area, building, cylinder, door, tree, wall
+from omnilab_mirror.scene.meshes.hints import ENTRY, hints
 from omnilab_mirror.scene.model import Model, name_of, place_of
+from omnilab_mirror.scene.nearby_files import file_below
 from omnilab_mirror.scene.quads import Area, Place, Quad
 from omnilab_mirror.scene.textures.procedural import paint_of
 from omnilab_mirror.scene.world_yaml import Section
@@ -126,18 +128,22 @@ def mesh(s: Section, model: Model) -> None:
     from omnilab_mirror.scene.meshes.mesh_file import read_mesh
 
     name, place, scale = s.word("file"), place_of(s), s.number("scale", 1.0, 1e-6, 1e6)
-    folder = s.file.parent.resolve()
-    file = (folder / name).resolve()
-    if not file.is_relative_to(folder):
-        raise s.invalid("file", name, "a file in the folder of the world file, or below it; move the mesh there")
+    try:
+        file = file_below(s.file.parent, name)
+    except ValueError as error:
+        expected = f"a file in the folder of the world file, or below it ({error}); move the mesh there"
+        raise s.invalid("file", name, expected) from None
     try:
         found = read_mesh(file, s.choice("up", ("y", "z")) if "up" in s else None)
     except DataError as error:
         raise s.wrong(f"has a mesh that cannot be used: {error}") from None
+    in_metres = found.triangles if scale == 1 else found.triangles.moved(scale * np.eye(3), np.zeros(3))
+    questions = list(hints(in_metres, found.up, scale, ENTRY))
     triangles = found.triangles.moved(scale * place.rotation, place.at)
     if "name" in s:
         triangles = replace(triangles, names=[s.word("name")] * len(triangles.names))
-    model.meshes.append(replace(found, triangles=triangles))
+    notes = found.notes + [f"'{name}': {question}" for question in questions]
+    model.meshes.append(replace(found, triangles=triangles, notes=notes))
 
 
 OBJECTS: dict[str, Callable[[Section, Model], None]] = {

@@ -31,5 +31,6 @@ class World:
     paths: dict[str, Route] = field(default_factory=dict)
     variants: tuple[str, ...] = ()
     meshes: list[Triangles] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)  # what is wrong with the mesh files and was mended
+    contents: list[str] = field(default_factory=list)  # what the mesh files hold, a sentence each
+    notes: list[str] = field(default_factory=list)  # what in them was mended, left out or may be meant otherwise
     sources: dict[Path, Stamp] = field(default_factory=dict)  # the other files it is made of

@@ -99,16 +99,26 @@ class Section:
     def color(self, key: str, default: Any = REQUIRED) -> list[float]:
         """Red, green and blue from 0 to 255."""
         value = self.value(key, default)
-        if not is_color(value):
-            raise self.invalid(key, value, "a colour [red, green, blue], each from 0 to 255")
+        self._check_color(key, value)
         return [float(part) for part in value]
 
     def colors(self, key: str, default: Any = REQUIRED) -> list[list[float]]:
         """A list of colours."""
         value = self.value(key, default)
-        if not isinstance(value, list) or not value or not all(is_color(color) for color in value):
+        if not isinstance(value, list) or not value:
             raise self.invalid(key, value, "a list of colours [red, green, blue], each from 0 to 255")
+        for color in value:
+            self._check_color(key, color)
         return value
+
+    def _check_color(self, key: str, value: Any) -> None:
+        if not _is_point(value, 3) or not all(0 <= part <= 255 for part in value):
+            raise self.invalid(key, value, "a colour [red, green, blue], each from 0 to 255")
+        if 0 < max(value) <= 1:  # hardly anybody means a black that cannot be told from black
+            larger = [round(255 * part) for part in value]
+            raise self.invalid(
+                key, value, f"a colour from 0 to 255: {larger} if this one is from 0 to 1, [0, 0, 0] for black"
+            )
 
     def flag(self, key: str, default: bool) -> bool:
         """true or false."""
@@ -208,11 +218,6 @@ def suggestion(name: str, options: Iterable[str]) -> str:
     options = sorted(options)
     close = difflib.get_close_matches(name, options, n=1)
     return (f"did you mean '{close[0]}'? " if close else "") + "known: " + ", ".join(options)
-
-
-def is_color(value: Any) -> bool:
-    """Whether a value is [red, green, blue]."""
-    return _is_point(value, 3) and all(0 <= part <= 255 for part in value)
 
 
 def _cause(error: Exception) -> str:

@@ -10,6 +10,8 @@ from omnilab.geometry import planar_poses
 from omnilab_mirror.render.free_space import obstacles
 from omnilab_mirror.scene.world import World
 
+MAX_NODES = 4_000_000
+
 
 def poses_of(layout: PoseRequest, world: World, height_m: float, on_floor: bool) -> tuple[Floats, list[str]]:
     """`T_world_camera` (N, 4, 4) of a layout, and what was left out with its reason.
@@ -36,6 +38,12 @@ def _grid(
     if layout.step_m is None or layout.step_m <= 0:
         raise DataError(
             f"a virtual sensor needs a grid's step_m above 0, not {layout.step_m}; give step_m, and no 'every'"
+        )
+    count = np.prod([side / layout.step_m + 1 for side in extent])
+    if count > MAX_NODES:
+        raise DataError(
+            f"a grid of {extent[0]:g} x {extent[1]:g} m with step_m={layout.step_m:g} has {count:.3g} nodes, up to"
+            f" {MAX_NODES} are tried; give a larger step_m or a smaller extent_m"
         )
     x, y = (-side / 2 + layout.step_m * np.arange(int(side / layout.step_m + 1e-6) + 1) for side in extent)
     points = np.array([(px, py, height) for py in y for px in x])

@@ -6,12 +6,16 @@ import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from omnilab.api import Floats, Frames, Mesh, Plan, PoseRequest
 from omnilab.cameras import RayCamera
 from omnilab.errors import ConfigError, DataError
+
+if TYPE_CHECKING:
+    from omnilab_mirror.scene.world import World  # which loads the textures
 
 RENDERER_VERSION = 1  # part of the keys: raise it when the same world and pose give another picture
 FRAME_NS = 100_000_000
@@ -29,12 +33,20 @@ class VirtualCamera(ABC):
     on_floor: bool = True  # a robot carries the camera: grids and random poses keep clear of furniture below, too
     batch: int = 64  # images rendered at once
     depth: bool = False  # also how far each pixel sees
+    up: str | None = None  # of a mesh file as world: its axis that points up, y or z; null: y in GLB, z in OBJ and PLY
+    scale: float = 1.0  # of a mesh file as world: metres a unit of it; 0.01 where it is in centimetres
 
     def __post_init__(self) -> None:
         if self.samples < 1 or int(np.sqrt(self.samples)) ** 2 != self.samples:
             raise ConfigError(f"samples={self.samples} do not fill a square; give 1, 4, 9 or another square")
         if self.batch < 1:
             raise ConfigError(f"batch={self.batch} holds no image; give at least 1")
+        if self.up not in {None, "y", "z"}:
+            raise ConfigError(f"up={self.up!r} is no axis that may point up; give y, z or null")
+        if not 1e-6 <= self.scale <= 1e6:
+            raise ConfigError(
+                f"scale={self.scale} makes no metres; give a number from 1e-6 to 1e6, 0.01 for centimetres"
+            )
         _ = self.camera  # checks its settings
 
     @property
@@ -44,10 +56,9 @@ class VirtualCamera(ABC):
 
     def plan(self, layout: PoseRequest) -> Plan:
         """The layout's poses, less those inside furniture or outside the room, which `omitted` lists."""
-        from omnilab_mirror.scene.load import load_world
         from omnilab_mirror.sensors.poses import poses_of
 
-        world = load_world(self.world, self.variant)
+        world = self._world()
         T_world_camera, omitted = poses_of(layout, world, self.height_m, self.on_floor)
         return Plan(self._keys(world.digest, T_world_camera), T_world_camera, omitted)
 
@@ -56,9 +67,8 @@ class VirtualCamera(ABC):
         if plan.T_world_camera is None:
             raise DataError("a virtual sensor cannot image a plan without poses; ask this sensor's plan() for one")
         from omnilab_mirror.render.render import depth_of, render
-        from omnilab_mirror.scene.load import load_world
 
-        world, camera = load_world(self.world, self.variant), self.camera
+        world, camera = self._world(), self.camera
         for start in range(0, len(plan), self.batch):
             index = np.arange(start, min(start + self.batch, len(plan)))
             T_world_camera = plan.T_world_camera[index]
@@ -69,9 +79,13 @@ class VirtualCamera(ABC):
     def scene(self) -> Mesh:
         """The world's quads in coarse colours, open from above."""
         from omnilab_mirror.render.viewer_mesh import mesh_of
+
+        return mesh_of(self._world())
+
+    def _world(self) -> World:
         from omnilab_mirror.scene.load import load_world
 
-        return mesh_of(load_world(self.world, self.variant))
+        return load_world(self.world, self.variant, self.up, self.scale)
 
     def _keys(self, digest: str, T_world_camera: Floats) -> Sequence[str]:
         content = (RENDERER_VERSION, digest, repr(self.camera), self.color, self.samples)

@@ -22,6 +22,7 @@ from omnilab.errors import DataError
 from omnilab_mirror.scene.file_stamps import Stamp, stamp_of
 from omnilab_mirror.scene.meshes.mesh_materials import GREY, MAX_PIXELS, MeshMaterials
 from omnilab_mirror.scene.meshes.triangles import Triangles, joined
+from omnilab_mirror.scene.nearby_files import bytes_of, file_below
 
 log = logging.getLogger("omnilab")
 Array = npt.NDArray[Any]
@@ -39,6 +40,8 @@ class MeshFile:
 
     triangles: Triangles  # z up, in metres as the file has them
     digest: str  # of the file, its materials and its textures
+    up: str  # its axis that points up, "y" or "z"
+    content: str  # how many triangles, materials and textures
     notes: list[str]  # what is wrong with it and could be mended
     sources: dict[Path, Stamp]  # all files that were read, with `stamp_of` each
 
@@ -64,14 +67,10 @@ class MeshFolder:
             raise
 
     def _read(self, name: str) -> bytes:
-        root, path = self.root.resolve(), (self.root / name).resolve()
-        if not path.is_relative_to(root):
-            raise ValueError("it lies outside the mesh's folder")
+        path = file_below(self.root, name)
         if path not in self.files:
             self.stamps[path] = stamp_of(path)
-            if path.stat().st_size > MAX_PIXELS:
-                raise ValueError(f"it has more than {MAX_PIXELS} bytes")
-            data = path.read_bytes()
+            data = bytes_of(path, MAX_PIXELS)
             if name.lower().endswith(PICTURES):
                 Image.open(io.BytesIO(data)).verify()
             self.files[path] = data
@@ -97,7 +96,11 @@ def read_mesh(file: Path, up: str | None = None) -> MeshFile:
     for path in sorted(folder.files):
         digest.update(folder.files[path])
     up = up or ("y" if suffix == ".glb" else "z")
-    return MeshFile(triangles.moved(Z_UP[up], np.zeros(3)), digest.hexdigest(), notes, folder.stamps | {file: stamp})
+    textures = sum(path.suffix.lower() in PICTURES for path in folder.files)
+    content = f"{file.name}: {len(triangles)} triangles, {textures} textures found, {len(folder.missing)} missing"
+    return MeshFile(
+        triangles.moved(Z_UP[up], np.zeros(3)), digest.hexdigest(), up, content, notes, folder.stamps | {file: stamp}
+    )
 
 
 def _bytes(file: Path) -> bytes:
@@ -106,9 +109,11 @@ def _bytes(file: Path) -> bytes:
         if file.stat().st_size > limit:
             raise DataError(f"{file} has {file.stat().st_size} bytes, {limit} may be read; decimate the mesh, or save it"
                             " as binary PLY or GLB")  # fmt: skip
-        return file.read_bytes()
+        return bytes_of(file, limit)
     except OSError as error:
         raise DataError(f"{file} cannot be read ({error.strerror}); correct the path") from None
+    except ValueError as error:
+        raise DataError(f"{file} cannot be read ({error}); give a file") from None
 
 
 def _scene(file: Path, data: bytes, folder: MeshFolder) -> trimesh.Scene:

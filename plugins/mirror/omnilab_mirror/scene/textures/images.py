@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import io
+import warnings
 from collections.abc import Iterable
 from pathlib import Path
 
 import cv2
 import numpy as np
+from PIL import Image
 
 from omnilab.api import Bytes, Floats
+from omnilab_mirror.scene.nearby_files import bytes_of, file_below
 from omnilab_mirror.scene.textures.canvas import Canvas, Painter
 from omnilab_mirror.scene.world_yaml import Section
 
@@ -41,20 +45,29 @@ def images_of(sections: Iterable[Section]) -> list[Path]:
 
 
 def _image(s: Section, file: str) -> Bytes:
-    path, folder = (s.file.parent / file).resolve(), s.file.parent.resolve()
-    if not path.is_relative_to(folder):
-        raise s.invalid("file", file, f"a picture below the world's folder {folder}; copy it there")
+    """RGB pixels (h, w, 3). Their number is read from the picture's head first: a small file may hold a huge picture."""
     try:
-        size = path.stat().st_size
-        data = path.read_bytes() if size <= MAX_IMAGE_BYTES else b""
+        data = bytes_of(file_below(s.file.parent, file), MAX_IMAGE_BYTES)
     except OSError as error:
-        raise s.invalid("file", file, f"a picture that can be read ({error.strerror}: {path})") from None
+        raise s.invalid("file", file, f"a picture that can be read ({error.strerror})") from None
+    except ValueError as error:
+        raise s.invalid("file", file, f"a picture below the world's folder ({error}); copy or save it there") from None
     if not data:
-        raise s.invalid("file", file, f"a picture of 1 to {MAX_IMAGE_BYTES} bytes, not {size}; scale it down")
-    try:
-        decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-    except cv2.error:  # more pixels than OpenCV takes
-        decoded = None
-    if decoded is None or decoded.size > 3 * MAX_IMAGE_PIXELS:
+        raise s.invalid("file", file, f"a picture of 1 to {MAX_IMAGE_BYTES} bytes, not 0; save it again")
+    pixels = _pixel_count(data)
+    decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if 0 < pixels <= MAX_IMAGE_PIXELS else None
+    if decoded is None:
         raise s.invalid("file", file, f"a picture such as PNG or JPEG of at most {MAX_IMAGE_PIXELS} pixels")
     return np.asarray(decoded[..., ::-1])
+
+
+def _pixel_count(data: bytes) -> int:
+    """Width times height by the head of a picture; 0 where it is none."""
+    try:
+        with warnings.catch_warnings(), Image.open(io.BytesIO(data)) as head:
+            warnings.simplefilter("ignore")  # about the size, which is judged here
+            return int(head.width * head.height)
+    except (OSError, SyntaxError, ValueError):
+        return 0
+    except Image.DecompressionBombError:
+        return MAX_IMAGE_PIXELS + 1

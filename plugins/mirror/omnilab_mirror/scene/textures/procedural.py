@@ -12,7 +12,7 @@ from omnilab.api import Bytes, Floats
 from omnilab_mirror.scene.textures.canvas import Canvas, Paint, Painter, framed, mixed, toned
 from omnilab_mirror.scene.textures.images import image
 from omnilab_mirror.scene.textures.outdoors import facade, sky
-from omnilab_mirror.scene.world_yaml import Section, is_color
+from omnilab_mirror.scene.world_yaml import Section
 
 HANDLE = (225, 200, 90)
 NIGHT = np.array([0.1, 0.12, 0.2])  # what it leaves of red, green and blue
@@ -233,7 +233,7 @@ def paint(s: Section) -> Paint:
 
 def paint_of(s: Section, key: str, textures: dict[str, Paint], default: Any = (200, 200, 200)) -> Paint:
     """The paint that a key names: a texture of the file, or a colour [red, green, blue]."""
-    color = s.value(key, list(default))
-    if is_color(color):
-        return Paint(lambda canvas: canvas.filled(color))
-    return textures[s.choice(key, textures)]
+    if not isinstance(s.value(key, list(default)), list):
+        return textures[s.choice(key, textures)]
+    color = s.color(key, list(default))
+    return Paint(lambda canvas: canvas.filled(color))
