@@ -26,3 +26,8 @@ def did_you_mean(word: str, known: Iterable[str], prefix: str = "") -> str:
     """A suggestion in brackets, or nothing."""
     close = difflib.get_close_matches(word, list(known), n=1)
     return f" (did you mean {prefix}{close[0]}?)" if close else ""
+
+
+def visible(text: str) -> str:
+    """The text with what a terminal would obey, or not show, as escapes: names of files and overrides are data."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape", "surrogatepass").decode() for c in text)

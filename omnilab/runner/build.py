@@ -13,7 +13,7 @@ from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from omnilab.api import KINDS
 from omnilab.errors import ConfigError, DataError
-from omnilab.runner.config import Run, components_of, structured
+from omnilab.runner.config import Run, components_of, logs_folder, structured
 from omnilab.runner.map_file import about_map, map_file
 from omnilab.runner.registry import DICTS, Registry, members
 
@@ -39,6 +39,7 @@ def build(config: DictConfig, registry: Registry) -> Run:
         run.distance = registry.get("distance", run.descriptor.default_distance).cls()
     for path, kind, value in components_of(vars(run)):
         _check_slot(path, kind, value, registry)
+    logs_folder(run.logs)
     if run.threads < 1:
         raise ConfigError(f"threads={run.threads} cannot compute anything; give threads=1 or more")
     if run.seed < 0:

@@ -13,11 +13,11 @@ from pathlib import Path
 
 from omnilab import hooks
 from omnilab.api import KINDS
-from omnilab.errors import ConfigError, DataError, OmnilabError, did_you_mean
+from omnilab.errors import ConfigError, DataError, OmnilabError, did_you_mean, visible
 from omnilab.runner.interrupts import uninterrupted
 from omnilab.runner.registry import Registry, discover
 from omnilab.runner.repair import mend
-from omnilab.runner.run_folder import RUNNING, LoadedRun, find_runs, load_run, new_folder_name
+from omnilab.runner.run_folder import RUNNING, UNREADABLE, LoadedRun, find_runs, load_run, new_folder_name
 from omnilab.runner.terminal import headline, print_error, print_table, short, show_run
 
 HELP = """\
@@ -128,6 +128,7 @@ def plugins(argv: list[str]) -> int:
 def _print_plugins(registry: Registry) -> None:
     from rich.console import Console
     from rich.padding import Padding
+    from rich.text import Text
 
     console = Console(highlight=False)
     for kind in KINDS:
@@ -136,12 +137,13 @@ def _print_plugins(registry: Registry) -> None:
             component = registry.get(kind, name)
             cls, plugin = component.cls, component.plugin
             origin = f"{cls.__module__}.{cls.__qualname__}, {plugin.distribution} {plugin.version}"
-            console.print(f"  [cyan]{name}[/cyan]  [dim]{origin}[/dim]", soft_wrap=True)
-            console.print(Padding(component.summary, (0, 0, 0, 6)), markup=False)
+            console.print(Text.assemble("  ", (name, "cyan"), "  ", (visible(origin), "dim")), soft_wrap=True)
+            console.print(Padding(Text(component.summary), (0, 0, 0, 6)))
 
 
 def _print_manuals(names: Sequence[str], registry: Registry) -> None:
     from rich.console import Console
+    from rich.text import Text
 
     console = Console(highlight=False, soft_wrap=True)
     for name in names:
@@ -154,7 +156,8 @@ def _print_manuals(names: Sequence[str], registry: Registry) -> None:
             known = sorted({component.name for component in registry.components.values()})
             raise ConfigError(f"there is no component '{name}'; there is {', '.join(known)}{did_you_mean(name, known)}")
         for component in found:
-            console.print(f"[bold]{component.kind}={component.name}[/bold]  [dim]{component.plugin.title}[/dim]")
+            title = f"{component.kind}={component.name}"
+            console.print(Text.assemble((title, "bold"), "  ", (visible(component.plugin.title), "dim")))
             console.print(inspect.cleandoc(component.cls.__doc__ or "(no docstring)") + "\n", markup=False)
             for line in settings_of(component.cls):
                 console.print(f"    {line}", markup=False)
@@ -184,7 +187,7 @@ def _described(run: LoadedRun) -> list[str]:
     try:
         return [run.state, headline(run), " ".join(o for o in run.manifest["overrides"] if o[:11] != "experiment=")]
     except DataError as error:
-        return ["unreadable", str(error), ""]
+        return [UNREADABLE, str(error), ""]
 
 
 def repeat(argv: list[str]) -> int:

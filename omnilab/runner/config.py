@@ -10,6 +10,7 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING, DictConfig, OmegaConf
 
 from omnilab.api import KINDS
+from omnilab.errors import ConfigError
 from omnilab.runner.registry import DICTS, Registry
 
 
@@ -52,6 +53,13 @@ SLOTS = {"defaults": [{kind.name: None} for kind in KINDS.values() if kind.slot 
 
 ConfigStore.instance().store(name="omnilab_run", node=Run, provider="omnilab")
 ConfigStore.instance().store(name="omnilab_slots", node=SLOTS, provider="omnilab")
+
+
+def logs_folder(logs: str) -> str:
+    """The folder for run folders; ConfigError if it has no name."""
+    if not logs.strip():
+        raise ConfigError(f"logs='{logs}' names no folder; give logs=DIR, or logs=. for the folder that you are in")
+    return logs
 
 
 def structured(config: DictConfig) -> Iterator[tuple[str, DictConfig]]:

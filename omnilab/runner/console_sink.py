@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnilab.api import Progress, Record, Text, Tick
+from omnilab.errors import visible
 from omnilab.hooks import Register, hookimpl
 
 if TYPE_CHECKING:
@@ -31,7 +32,12 @@ class Console:
 
         self._console = RichConsole(stderr=True)
         if self.bars and self._console.is_terminal:
-            columns = (TextColumn("{task.description:<22}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+            columns = (
+                TextColumn("{task.description:<22}", markup=False),
+                BarColumn(),
+                MofNCompleteColumn(),
+                TimeElapsedColumn(),
+            )
             self._progress = Progress(*columns, console=self._console)
             self._progress.start()
 
@@ -40,19 +46,23 @@ class Console:
         if isinstance(record, Progress):
             self._show(record)
         elif isinstance(record, Text) and not record.markdown and record.level != "INFO":
-            self._console.print(f"{record.level.lower()}: {record.text}", highlight=False, markup=False)
+            self._console.print(f"{record.level.lower()}: {visible(record.text)}", highlight=False, markup=False)
 
     def _show(self, progress: Progress) -> None:
         assert self._console is not None
         if self._progress is not None:
             if progress.stage not in self._stages:
-                self._stages[progress.stage] = self._progress.add_task(progress.stage, total=progress.total or None)
+                self._stages[progress.stage] = self._progress.add_task(
+                    visible(progress.stage), total=progress.total or None
+                )
             self._progress.update(self._stages[progress.stage], completed=progress.done)
             return
         start = self._stages.setdefault(progress.stage, time.monotonic())
         if progress.done and progress.done == progress.total:
             seconds = time.monotonic() - start
-            self._console.print(f"{progress.stage:<22} {progress.done} in {seconds:.1f} s", highlight=False)
+            self._console.print(
+                f"{visible(progress.stage):<22} {progress.done} in {seconds:.1f} s", highlight=False, markup=False
+            )
 
     def flush(self) -> None:
         """Nothing is held back."""

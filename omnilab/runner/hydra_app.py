@@ -20,7 +20,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from omnilab.errors import ConfigError, DataError, OmnilabError, did_you_mean
 from omnilab.runner.build import build
-from omnilab.runner.config import Run
+from omnilab.runner.config import Run, logs_folder
 from omnilab.runner.execute import execute
 from omnilab.runner.registry import Registry
 from omnilab.runner.run_folder import FAILED, RunFolder, load_run, new_folder_name, origin, write_summary
@@ -30,6 +30,7 @@ from omnilab.runner.terminal import headline, print_error, print_summary, short,
 def experiment(argv: list[str], registry: Registry) -> int:
     """Compose the configuration with Hydra and run it, once or as a sweep. Returns the exit code."""
     OmegaConf.register_new_resolver("omnilab_folder", new_folder_name, use_cache=True, replace=True)
+    OmegaConf.register_new_resolver("omnilab_logs", logs_folder, replace=True)
     mistakes: list[OmnilabError] = []
 
     def task(config: DictConfig) -> None:
@@ -45,6 +46,8 @@ def experiment(argv: list[str], registry: Registry) -> int:
     try:
         hydra.main(version_base="1.3", config_path="pkg://omnilab.conf", config_name="config")(task)()
     except (HydraException, OmegaConfBaseException) as error:
+        if isinstance(error.__cause__, OmnilabError):
+            raise error.__cause__ from error
         raise ConfigError(sentence(error, registry)) from error
     except OSError as error:  # Hydra makes the run's folder
         if error.filename is None:
@@ -119,7 +122,10 @@ class Summary:
 
     def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
         """All jobs go into one folder, also where a sweep is over experiments."""
-        folder = str(config.hydra.sweep.dir).replace("'", "\\'")
+        try:
+            folder = str(config.hydra.sweep.dir).replace("'", "\\'")
+        except OmegaConfBaseException:
+            return  # Hydra comes upon it next, and what it raises is shown
         config.hydra.overrides.hydra.append(f"hydra.sweep.dir='{folder}'")
 
     def on_multirun_end(self, config: DictConfig, **_: Any) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import logging
 import os
@@ -18,9 +19,10 @@ from pathlib import Path
 from typing import Any
 
 from omnilab.api import Report
-from omnilab.errors import DataError
+from omnilab.errors import DataError, visible
 
 RUNNING, DONE, FAILED, INTERRUPTED, KILLED = "running", "done", "failed", "interrupted", "killed"
+UNREADABLE = "unreadable"  # what a damaged run is listed as
 
 
 class RunFolder:
@@ -33,6 +35,8 @@ class RunFolder:
 
     def open(self, manifest: Mapping[str, Any], config_yaml: str, latest: Path | None = None) -> None:
         """Create the folder; from here on the run shows up in `omnilab runs`."""
+        if latest is not None:
+            _check_latest(latest)
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             (self.folder / "config.yaml").write_text(config_yaml, encoding="utf-8")
@@ -91,7 +95,7 @@ class _WarningPrinter(logging.Handler):
         sentence = record.getMessage()
         if record.levelno == logging.WARNING and sentence not in self._printed:
             self._printed.add(sentence)
-            sys.stderr.write(f"omnilab: {sentence}\n")
+            sys.stderr.write(f"omnilab: {visible(sentence)}\n")
 
 
 def _number(value: Any) -> str:
@@ -117,6 +121,15 @@ def _write_json(path: Path, content: Mapping[str, Any]) -> None:
 def new_folder_name() -> str:
     """`<date>_<time>-<hex>`: the hex parts runs that start in the same second."""
     return f"{datetime.now().astimezone():%Y-%m-%d_%H-%M-%S}-{secrets.token_hex(3)}"
+
+
+def _check_latest(link: Path) -> None:
+    """DataError where something of the user's lies in the place of the link."""
+    if link.exists() and not link.is_symlink():
+        kind = "folder" if link.is_dir() else "file"
+        raise DataError(
+            f"{link} is a {kind}, and a link to the newest run belongs there; rename the {kind}, or give another logs=DIR"
+        )
 
 
 def point_latest(link: Path, folder: Path) -> None:
@@ -162,51 +175,66 @@ class LoadedRun:
 
     @cached_property
     def status(self) -> dict[str, Any]:
-        return self._read("status.json", json.loads, "status", "pid")
+        return self._read("status.json", json.loads, status=str, pid=int)
 
     @cached_property
     def manifest(self) -> dict[str, Any]:
-        return self._read("manifest.json", json.loads, "experiment", "overrides")
+        content = self._read("manifest.json", json.loads, experiment=str, overrides=list)
+        if not all(isinstance(override, str) for override in content["overrides"]):
+            raise self._unreadable("manifest.json", "overrides should be a list of texts")
+        return content
 
     @cached_property
     def config(self) -> dict[str, Any]:
         """The resolved configuration."""
         import yaml
 
-        return self._read("config.yaml", yaml.safe_load, "study")
+        return self._read("config.yaml", yaml.safe_load, study=dict)
 
     @cached_property
     def metrics(self) -> dict[str, float]:
         """By name. Empty for a run that did not finish."""
-        try:
-            return {row["metric"]: float(row["value"]) for row in self.table("metrics")}
-        except (KeyError, ValueError) as error:
-            raise self._unreadable("metrics.csv", error) from error
+        return {row["metric"]: self._metric(row, "value") for row in self._metric_rows}
 
     @cached_property
     def intervals(self) -> dict[str, tuple[float, float]]:
         """95 % confidence of the metrics for which it was estimated."""
-        rows = [row for row in self.table("metrics") if row.get("low")]
-        return {row["metric"]: (float(row["low"]), float(row["high"])) for row in rows}
+        rows = [row for row in self._metric_rows if row.get("low")]
+        return {row["metric"]: (self._metric(row, "low"), self._metric(row, "high")) for row in rows}
 
     @cached_property
     def units(self) -> dict[str, str]:
-        return {row["metric"]: row["unit"] for row in self.table("metrics")}
+        return {row["metric"]: row["unit"] for row in self._metric_rows}
+
+    @cached_property
+    def _metric_rows(self) -> list[dict[str, str]]:
+        rows = self.table("metrics")
+        if rows and not rows[0].keys() >= {"metric", "value", "unit"}:
+            raise self._unreadable("metrics.csv", "its columns should be metric, value, unit")
+        return rows
+
+    def _metric(self, row: Mapping[str, str], column: str) -> float:
+        try:
+            return float(row[column])
+        except (KeyError, ValueError) as error:
+            raise self._unreadable("metrics.csv", f"{column} of {row['metric']} is no number") from error
 
     def table(self, name: str) -> list[dict[str, str]]:
-        """The rows of one CSV file of the run; none if it was not written."""
+        """The rows of one CSV file of the run; none if it was not written. DataError if it is damaged."""
         path = self.folder / f"{name}.csv"
         if not path.exists():
             return []
-        with path.open(newline="", encoding="utf-8") as file:
-            return list(csv.DictReader(file))
+        header, *rows = self._parse(path.name, _csv_rows)
+        return [dict(zip(header, row, strict=True)) for row in rows]
 
     @property
     def alive(self) -> bool:
         """Whether the run's process is still there."""
+        if (pid := self.status["pid"]) <= 0:  # to os.kill, a group of processes
+            return False
         try:
-            os.kill(int(self.status["pid"]), 0)
-        except ProcessLookupError:
+            os.kill(pid, 0)
+        except (ProcessLookupError, OverflowError):
             return False
         except PermissionError:  # someone else's process
             return True
@@ -218,21 +246,58 @@ class LoadedRun:
         status = str(self.status["status"])
         return KILLED if status == RUNNING and not self.alive else status
 
-    def _read(self, name: str, parse: Callable[[str], Any], *keys: str) -> dict[str, Any]:
-        """A file of the run that must be a mapping with these keys; DataError if it is not."""
-        try:
-            content = parse((self.folder / name).read_text(encoding="utf-8"))
-        except Exception as error:
-            raise self._unreadable(name, error) from error
-        if not isinstance(content, dict) or not content.keys() >= set(keys):
-            raise self._unreadable(name, f"it should hold {', '.join(keys)}")
+    def _read(self, name: str, parse: Callable[[str], Any], **types: type) -> dict[str, Any]:
+        """A file of the run that must be a mapping with these keys and types of content; DataError if it is not."""
+        content = self._parse(name, parse)
+        if not isinstance(content, dict) or not content.keys() >= types.keys():
+            raise self._unreadable(name, f"it should hold {', '.join(types)}")
+        for key, wanted in types.items():
+            if type(content[key]) is not wanted:
+                raise self._unreadable(name, f"its {key} is {content[key]!r:.60}")
         return content
+
+    def _parse(self, name: str, parse: Callable[[str], Any]) -> Any:
+        path = self.folder / name
+        try:
+            if path.exists() and not path.is_file():  # a FIFO would never end
+                raise OSError("it is no file")
+            return parse(path.read_text(encoding="utf-8"))
+        except Exception as error:
+            raise self._unreadable(name, _why(error)) from error
 
     def _unreadable(self, name: str, why: object) -> DataError:
         reason = " ".join(str(why).split())
         return DataError(
             f"{self.folder / name} cannot be read ({reason}); remove the folder, or run the experiment again"
         )
+
+
+def _csv_rows(text: str) -> list[list[str]]:
+    """Header and rows of a CSV file; ValueError if it is torn."""
+    if not text.endswith("\n"):
+        raise ValueError("it ends within a line")
+    rows = list(csv.reader(io.StringIO(text, newline=""), strict=True))
+    if any(len(row) != len(rows[0]) for row in rows):
+        raise ValueError("a row has more or fewer values than the first line has names")
+    return rows
+
+
+def _why(error: Exception) -> str:
+    """What a file of a run lacks, in our words: what parsers say speaks of their own inside."""
+    match error:
+        case OSError(strerror=str(reason)):
+            return reason
+        case UnicodeDecodeError():
+            return "it is no text in UTF-8"
+        case json.JSONDecodeError():
+            return f"line {error.lineno} is no JSON"
+        case csv.Error():
+            return "it is no CSV"
+        case ValueError() | OSError():
+            return str(error)
+        case _:
+            mark = getattr(error, "problem_mark", None)
+            return f"line {mark.line + 1} is no YAML" if mark else "it is damaged"
 
 
 def load_run(folder: str | Path) -> LoadedRun:
@@ -252,21 +317,29 @@ def find_runs(logs: str | Path = "logs") -> list[LoadedRun]:
     """All runs below a folder, oldest first; DataError if there is no such folder."""
     if not Path(logs).is_dir():
         raise DataError(f"there is no folder {logs}; give the one that holds the runs (logs=... of an experiment)")
-    files = Path(logs).rglob("status.json")
-    return [LoadedRun(f.parent) for f in sorted(files, key=lambda f: f.parent.as_posix()) if "latest" not in f.parts]
+    files = Path(logs).rglob("status.json")  # which follows no link, such as `latest`
+    return [LoadedRun(f.parent) for f in sorted(files, key=lambda f: f.parent.as_posix())]
 
 
 def write_summary(folder: Path) -> tuple[list[str], list[list[str]]]:
     """`summary.csv` of a sweep: one row a job, its overrides and metrics as columns. Returns header and rows."""
     runs = sorted(find_runs(folder), key=lambda run: int(run.folder.name) if run.folder.name.isdigit() else 0)
-    overrides = [dict(o.split("=", 1) for o in run.manifest["overrides"] if "=" in o) for run in runs]
-    keys = list(dict.fromkeys(key for one in overrides for key in one))
-    metrics = list(dict.fromkeys(name for run in runs for name in run.metrics))
+    jobs = [(run.folder.name, *_job(run)) for run in runs]
+    keys = list(dict.fromkeys(key for _, overrides, _, _ in jobs for key in overrides))
+    metrics = list(dict.fromkeys(name for *_, found in jobs for name in found))
     rows = [
-        [run.folder.name, *(one.get(key, "") for key in keys), run.state]
-        + [_number(run.metrics[name]) if name in run.metrics else "" for name in metrics]
-        for run, one in zip(runs, overrides, strict=True)
+        [name, *(overrides.get(key, "") for key in keys), state]
+        + [_number(found[metric]) if metric in found else "" for metric in metrics]
+        for name, overrides, state, found in jobs
     ]
     header = ["job", *keys, "status", *metrics]
     write_csv(folder / "summary.csv", header, rows)
     return header, rows
+
+
+def _job(run: LoadedRun) -> tuple[dict[str, str], str, dict[str, float]]:
+    """Overrides, state and metrics of a sweep's job; one that is damaged hides no other."""
+    try:
+        return dict(o.split("=", 1) for o in run.manifest["overrides"] if "=" in o), run.state, run.metrics
+    except DataError:
+        return {}, UNREADABLE, {}

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from omnilab.errors import visible
 from omnilab.runner.run_folder import LoadedRun, load_run
 
 HEADLINE = 3  # metrics of a run that fit a line
@@ -13,7 +15,7 @@ HEADLINE = 3  # metrics of a run that fit a line
 
 def print_error(sentence: str) -> None:
     """One line on standard error."""
-    sys.stderr.write(f"omnilab: {sentence}\n")
+    sys.stderr.write(f"omnilab: {visible(sentence)}\n")
 
 
 def print_table(header: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> None:
@@ -21,24 +23,24 @@ def print_table(header: Sequence[str], rows: Sequence[Sequence[str]], title: str
     from rich import box
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
-    table = Table(*header, box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    for name in header:
+        table.add_column(Text(visible(name)))
     for row in rows:
-        table.add_row(*(_brief(cell) for cell in row))
+        table.add_row(*(Text(visible(_brief(cell))) for cell in row))  # as text: brackets are no markup
     console = Console()
     if not console.is_terminal:
         console = Console(width=max(80, console.measure(table, options=console.options.update(width=10_000)).maximum))
     if title:
-        console.print(title, style="bold", highlight=False, soft_wrap=True)
+        console.print(Text(visible(title), style="bold"), soft_wrap=True)
     console.print(table)
 
 
 def _brief(cell: str) -> str:
     """Figures with six digits; the files hold them all."""
-    try:
-        return f"{float(cell):.6g}"
-    except ValueError:
-        return cell
+    return f"{float(cell):.6g}" if re.fullmatch(r"-?(0|[1-9]\d*)(\.\d+)?(e[+-]?\d+)?", cell) else cell
 
 
 def show_run(folder: Path) -> None:

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from omnilab.errors import visible
+
 if TYPE_CHECKING:
     from omnilab_mirror.scene.world import World
 
@@ -104,4 +106,4 @@ def free_share(world: World) -> float:
 
 
 def _say(line: str) -> None:
-    sys.stdout.write(line + "\n")
+    sys.stdout.write(visible(line) + "\n")

@@ -12,7 +12,7 @@ import numpy as np
 
 from omnilab.api import Bytes, RecordedPoses
 from omnilab.cameras import ImageCircle, RayCamera
-from omnilab.errors import ConfigError, DataError
+from omnilab.errors import ConfigError, DataError, visible
 from omnilab.image import panorama
 from omnilab_recordings.calibration import read_camera
 from omnilab_recordings.checks import dataset_check
@@ -147,15 +147,15 @@ def _print(findings: Sequence[Finding], title: str) -> None:
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, show_header=False)
     for finding in findings:
-        table.add_row(Text(finding.mark, style=COLORS[finding.mark]), finding.topic, Text(finding.text))
+        table.add_row(Text(finding.mark, style=COLORS[finding.mark]), finding.topic, Text(visible(finding.text)))
     console = Console(highlight=False)
     if not console.is_terminal:
         console = Console(width=max(80, console.measure(table, options=console.options.update(width=10_000)).maximum))
-    console.print(title, style="bold", markup=False, soft_wrap=True)
+    console.print(visible(title), style="bold", markup=False, soft_wrap=True)
     console.print(table)
 
 
 def _print_line(line: str) -> None:
     from rich.console import Console
 
-    Console(highlight=False, soft_wrap=True).print(line, markup=False)
+    Console(highlight=False, soft_wrap=True).print(visible(line), markup=False)
