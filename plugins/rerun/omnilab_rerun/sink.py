@@ -148,10 +148,13 @@ class RerunSink:
 
     def close(self) -> None:
         """Write the footer."""
+        from rerun_bindings import flush_and_cleanup_orphaned_recordings
+
         self._lay_out()
         self.flush()
         self._stream.disconnect()
         del self._stream  # sinks pickle, streams do not
+        flush_and_cleanup_orphaned_recordings()  # a stream's threads outlive it until then: two for each job of a sweep
 
     def _abandon(self) -> None:
         """Let go of a stream whose file cannot be written: rerun waits for its dead writer, even when Python ends."""

@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from omnilab_rerun import RerunSink
 
 WRITE_UNTIL_KILLED = """
 import sys
+from pathlib import Path
 from pathlib import Path
 import numpy as np
 from omnilab.api import Panel, Signature, Tick, ViewLayout
@@ -154,3 +156,17 @@ def test_the_plugin_is_light_to_import():
     heavy = {"rerun", "rerun_cli", "cv2", "scipy", "pyarrow", "matplotlib"}
     code = f"import omnilab_rerun, sys; print(sorted({heavy} & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="threads are counted in Linux's /proc")
+def test_the_threads_of_a_run_end_with_it(tmp_path):
+    """A sweep of some hundred jobs in one process would meet the limit of threads."""
+    counts = []
+    for name in ("first", "second", "third"):
+        (tmp_path / name).mkdir()
+        sink = RerunSink()
+        sink.open(tmp_path / name)
+        sink.write("log", Text("one line"), None)
+        sink.close()
+        counts.append(len(list(Path("/proc/self/task").iterdir())))
+    assert counts[2] == counts[0]
