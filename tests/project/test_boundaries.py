@@ -22,14 +22,15 @@ PACKAGES = {"omnilab": ROOT / "omnilab"} | {f"omnilab_{p.name}": p / f"omnilab_{
 # What each part of omnilab (a module or a package at its top) may import of the others. "": omnilab itself.
 MAY_IMPORT = {
     "errors": set[str](),
+    "file_kinds": set[str](),
     "renamed": set[str](),
     "api": {"renamed"},
     "geometry": {"api"},
     "hooks": {"api"},
     "metrics": {"api", "errors", "geometry"},
-    "posegraph": {"api", "errors", "geometry"},
-    "trajectory": {"api", "errors", "geometry", "posegraph"},
-    "cameras": {"api", "errors", "geometry"},
+    "posegraph": {"api", "errors", "file_kinds", "geometry"},
+    "trajectory": {"api", "errors", "file_kinds", "geometry", "posegraph"},
+    "cameras": {"api", "errors", "file_kinds", "geometry"},
     "image": {"api", "errors", "cameras"},
     "": {"api", "hooks", "renamed"},
     "runner": {"", "api", "renamed", "errors", "geometry", "hooks", "image", "metrics"},

@@ -14,6 +14,7 @@ from omnilab.api import Floats, Frames, Ints, Motion
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses
 from omnilab.posegraph.graph import inverse, vectors
+from omnilab.trajectory import clocks
 from omnilab.trajectory.files import read_trajectory
 
 
@@ -52,10 +53,13 @@ class Recorded:
                 " the last two above 0"
             )
 
+    _met = False  # an image that the file covers
+
     def extract(self, frames: Frames) -> Sequence[Reading]:
-        """The recorded pose of each image; DataError for a file without stamps that is too short."""
+        """The recorded pose of each image; DataError for a file without stamps that is too short, or of another clock."""
         pose, stamps = self._record
         if stamps is not None:
+            self._check_clock(frames.stamps_ns, stamps)
             time, wanted = (t - stamps[0] for t in (stamps, frames.stamps_ns))  # floats hold no nanoseconds since 1970
             found = [np.interp(wanted, time, column, left=np.nan, right=np.nan) for column in pose.T]
             return [Reading(one) for one in np.column_stack(found)]
@@ -66,13 +70,20 @@ class Recorded:
             )
         return [Reading(one) for one in pose[frames.plan_index]]
 
+    def _check_clock(self, images_ns: Ints, stamps_ns: Ints) -> None:
+        """DataError for images farther from the file than it is long, before any that it covers."""
+        self._met |= not len(images_ns) or clocks.overlap(images_ns, stamps_ns)
+        apart = max(images_ns.min() - stamps_ns[-1], stamps_ns[0] - images_ns.max()) if len(images_ns) else 0
+        if not self._met and apart > stamps_ns[-1] - stamps_ns[0]:
+            raise DataError(clocks.differ(images_ns, stamps_ns, self.file))
+
     def estimate(self, before: Reading, now: Reading, rng: np.random.Generator) -> Motion:  # noqa: ARG002
         """The second pose in the frame of the first, in metres; draws nothing."""
         both = np.stack([before.pose, now.pose])
         if not np.isfinite(both).all():
-            return Motion(
-                np.full(3, np.nan), np.eye(3), "m", "the odometry's file ends before or begins after an image"
-            )
+            assert self._record.stamps_ns is not None
+            covered = f"the odometry's file covers {clocks.span(self._record.stamps_ns)}, and not both images"
+            return Motion(np.full(3, np.nan), np.eye(3), "m", covered)
         T = planar_poses(np.column_stack([both[:, :2], np.zeros(2)]), both[:, 2])
         (vector,) = vectors((inverse(T[0]) @ T[1])[None], planar=True)
         place = np.hypot(self.translation_noise * np.hypot(*vector[:2]), self.still_noise_m)
@@ -81,7 +92,7 @@ class Recorded:
 
     @cached_property
     def _record(self) -> _Record:
-        path = read_trajectory(Path(self.file))
+        path = read_trajectory(Path(self.file), level=True)
         stamps = path.stamps_ns
         if stamps is not None and (np.diff(stamps) <= 0).any():
             row = int(np.argmax(np.diff(stamps) <= 0)) + 2

@@ -12,6 +12,7 @@ import numpy as np
 
 from omnilab.api import Bools, GridPoses, Ints, NamedPath, PathPoses, PoseRequest, RecordedPoses
 from omnilab.errors import ConfigError, DataError
+from omnilab.file_kinds import how_to_export, kind_of_file
 from omnilab_recordings.images.files import SUFFIXES, as_on_disk, existing, image_names
 from omnilab_recordings.poses.filename_poses import Naming, positions_of
 from omnilab_recordings.poses.grid import PositionGrid, find_grid, on_grid
@@ -89,7 +90,7 @@ def open_recording(
     in nothing but Unicode's forms (composed by one system, decomposed by another) are the same.
     """
     if not _is_folder(folder):
-        raise DataError(f"the folder {folder} does not exist; give sensor.path=DIR, a folder of images")
+        raise _no_folder(folder)
     aside = {(folder / name).resolve() for name in not_images}
     found = [name for name in image_names(folder, pattern) if (folder / name).resolve() not in aside]
     if not found:
@@ -115,6 +116,16 @@ def _is_folder(path: Path) -> bool:
         raise DataError(
             f"the folder {str(path)[:200]} cannot be read ({error.strerror}); give sensor.path=DIR"
         ) from error
+
+
+def _no_folder(path: Path) -> DataError:
+    if not path.exists():
+        return DataError(f"the folder {path} does not exist; give sensor.path=DIR, a folder of images")
+    kind = kind_of_file(path) or "a file"
+    remedy = "give sensor.path=DIR, a folder of images"
+    if log := how_to_export(path, kind):
+        remedy = f"export its images into a folder and give sensor.path=DIR; for its poses, {log} (sensor.positions)"
+    return DataError(f"{path} is {kind}, no folder of images; {remedy}")
 
 
 def _positions_of(folder: Path, positions: str | None, found: Sequence[str]) -> Positions | None:

@@ -95,17 +95,17 @@ def test_one_image_has_another_size(write_recording):
 
 
 @pytest.mark.parametrize(("header", "row", "sentence"), [
-    ("image,x_m,y_m", "img-1.png,nan,0", r"line 3 of .* has x_m='nan'; write a finite number"),
+    ("image,x_m,y_m", "img-1.png,nan,0", r"line 3 of .* has x_m='nan' \(column 2\); write a finite number"),
     ("image,x_m,y_m", "img-1.png,1e400,0", r"line 3 .* x_m='1e400'"),
     ("image,x_m,y_m", "img-1.png,0,", r"line 3 .* y_m=''"),
-    ("image,x_m,y_m", "img-1.png,1,5,0", r"line 3 .* has 4 values for 3 columns; separate by commas"),
+    ("image,x_m,y_m", "img-1.png,1,5,0", r"line 3 .* has 4 values for 3 columns; write image x_m y_m, with points in numbers: 1\.5"),
     ("image,x_m,y_m", "img-1.png,1", r"line 3 .* has 2 values for 3 columns"),
     ("image,x_m,y_m", "img-0.png,1,2", r"line 3 .* names img-0\.png again, after line 2"),
-    ("image,x_m,y_m", 'img-1.png,1,"2', r"not a CSV in UTF-8"),
-    ("image,x_m,y", "img-1.png,1,2", r"has no column y_m, only image, x_m, y; add it"),
+    ("image,x_m,y_m", 'img-1.png,1,"2', r"line 3 .* a quotation mark that does not close"),
+    ("image,x_m,y", "img-1.png,1,2", r"has a column 'y', which is not read; write y_m \(in metres\), y_cm or y_mm, or remove it"),
     ("image,x_m,x_m", "img-1.png,1,2", r"two columns of one name"),
-    ("image;x_m;y_m", "img-1.png;1;2", r"has no column image, only image;x_m;y_m"),
-    ("image,x_m,y_m,ix,iy", "img-1.png,1,2,0.5,1", r"line 3 .* ix='0\.5'; write a whole number"),
+    ("image;x_m;y_m", "img-1.png;1;2", r"separates its columns by semicolons; use commas, and points in numbers"),
+    ("image,x_m,y_m,ix,iy", "img-1.png,1,2,0.5,1", r"line 3 .* ix='0\.5' \(column 4\); write a whole number"),
     ("image,x_m,y_m,ix", "img-1.png,1,2,0", r"has no column iy"),
     ("image,x_m,y_m,stamp_ns", "img-1.png,1,2,9223372036854775808", r"line 3 .* stamp_ns="),
     ("image,x_m,y_m,z_m", "img-1.png,1,2,inf", r"line 3 .* z_m='inf'"),
@@ -120,14 +120,14 @@ def test_a_bad_line_of_the_positions_is_reported(write_recording, header, row, s
 
 
 def test_positions_without_rows(write_recording):
-    with pytest.raises(DataError, match="names no image"):
+    with pytest.raises(DataError, match="holds no pose"):
         Folder(write_recording(blank(1), [])).plan(RecordedPoses())
 
 
 def test_positions_that_are_no_text(write_recording):
     root = write_recording(blank(1))
     (root / "positions.csv").write_bytes(b"image,x_m,y_m\nimg-0.png,\xff\xfe,0\n")
-    with pytest.raises(DataError, match="not a CSV in UTF-8"):
+    with pytest.raises(DataError, match=r"line 2 of .* is no text in UTF-8; save the file as UTF-8"):
         Folder(root).plan(RecordedPoses())
 
 
@@ -138,10 +138,10 @@ def test_positions_file_that_was_requested_does_not_exist(write_recording):
 
 def test_positions_too_large(write_recording, monkeypatch):
     root = write_recording(blank(2), ["img-0.png,0,0", "img-1.png,1,0"])
-    monkeypatch.setattr("omnilab_recordings.poses.positions.MOST_ROWS", 1)
+    monkeypatch.setattr("omnilab.trajectory.tables.MOST_POSES", 1)
     with pytest.raises(DataError, match="more than 1 rows"):
         Folder(root).plan(RecordedPoses())
-    monkeypatch.setattr("omnilab_recordings.poses.positions.LARGEST_FILE", 10)
+    monkeypatch.setattr("omnilab.trajectory.tables.LARGEST_FILE", 10)
     with pytest.raises(DataError, match="is larger than"):
         Folder(root).plan(RecordedPoses())
 

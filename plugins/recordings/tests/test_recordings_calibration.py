@@ -21,8 +21,9 @@ from omnilab.cameras import (
     save_camera,
 )
 from omnilab.errors import ConfigError, DataError
-from omnilab.geometry import heading_of, quaternion_xyzw, rotation_xyz, wrap_angle
+from omnilab.geometry import heading_of, poses, quaternion_xyzw, rotation_xyz, wrap_angle
 from omnilab.image import mirror_view, panorama
+from omnilab.trajectory.files import kitti_text
 from omnilab_recordings import Folder
 from omnilab_recordings.folder import OnBadImage
 from omnilab_recordings.poses.positions import read_positions
@@ -242,10 +243,10 @@ def test_turned_deg_turns_about_the_camera_s_own_axis(write_recording):
 
 
 @pytest.mark.parametrize(("header", "row", "sentence"), [
-    ("qx,qy,qz,qw", "0,0,0,0", r"line 2 .* has no rotation in qx, qy, qz, qw"),
-    ("qx,qy,qz", "0,0,0", r"has no column qw"),
-    ("r00,r01,r02,r10,r11,r12,r20,r21,r22", "1,0,0,0,1,0,0,0,-1", r"line 2 .* has no rotation in r00, r01"),
-    ("r00,r01,r02,r10,r11,r12,r20,r21,r22", "1,0,0,0,1,0,0,0.1,1", r"line 2 .* has no rotation"),
+    ("qx,qy,qz,qw", "0,0,0,0", r"line 2 .* no unit quaternion"),
+    ("qx,qy,qz", "0,0,0", r"lacks qw; give all of qx, qy, qz, qw, or none"),
+    ("r00,r01,r02,r10,r11,r12,r20,r21,r22", "1,0,0,0,1,0,0,0,-1", r"line 2 .* has r00 to r22 = .* no rotation matrix"),
+    ("r00,r01,r02,r10,r11,r12,r20,r21,r22", "1,0,0,0,1,0,0,0.1,1", r"line 2 .* no rotation matrix"),
 ])  # fmt: skip
 def test_rotations_that_are_none(write_recording, header, row, sentence):
     root = write_recording([np.zeros((16, 16), np.uint8)], [f"img-0.png,0,0,{row}"], f"image,x_m,y_m,{header}")
@@ -267,8 +268,8 @@ def write_tum(tmp_path):
 
 def test_a_trajectory_goes_with_images_in_their_order(write_tum):
     q = quaternion_xyzw(rotation_xyz(0.3, -0.2, 2.0))
-    poses = [f"{t}.5 {t} 0.25 1e-1 {' '.join(map(repr, map(float, q)))}" for t in range(11)]
-    frames = read_all(write_tum([f"{i}.png" for i in range(11)], poses))
+    lines = [f"{t}.5 {t} 0.25 1e-1 {' '.join(map(repr, map(float, q)))}" for t in range(11)]
+    frames = read_all(write_tum([f"{i}.png" for i in range(11)], lines))
     assert frames.T_world_camera[:, :3, 3].tolist() == [[t, 0.25, 0.1] for t in range(11)]
     assert np.allclose(frames.T_world_camera[:, :3, :3], rotation_xyz(0.3, -0.2, 2.0))
     assert frames.stamps_ns.tolist() == [t * 10**9 + 5 * 10**8 for t in range(11)]
@@ -285,12 +286,30 @@ def test_a_trajectory_goes_with_stamps_in_names(tmp_path_factory, ticks, off_ms,
     assert found.position_m[:, 0].tolist() == stamps_ms
 
 
+@pytest.mark.parametrize("name", ["1700000000600000000", "1700000000600000", "1700000000600", "1700000000.6"])
+def test_names_may_be_times_in_any_unit(write_tum, name):
+    lines = [f"170000000{t} {t} 0 0 0 0 0 1" for t in ("0.5", "0.6", "0.7")]
+    assert write_tum([f"{name}.png"], lines).plan(RecordedPoses()).T_world_camera[0, 0, 3] == 0.6
+
+
+def test_a_trajectory_of_kitti_goes_with_images_in_their_order(write_tum, tmp_path):
+    T = poses([[1, 2, 3], [4, 5, 6]], rotation_xyz(0.3, -0.2, [2.0, 1.0]))
+    (tmp_path / "poses.kitti").write_text(kitti_text(T))
+    sensor = replace(write_tum(["a.png", "b.png"], []), positions="poses.kitti")
+    assert np.array_equal(sensor.plan(RecordedPoses()).T_world_camera, T)
+    with pytest.raises(DataError, match=r"has 2 poses for 3 images; give as many \(it holds no times\)"):
+        replace(write_tum(["c.png"], []), positions="poses.kitti").plan(RecordedPoses())
+
+
 @pytest.mark.parametrize(("names", "lines", "sentence"), [
-    (["a.png"], ["0 1 2 3 0 0 0"], r"line 3 of .* is '0 1 2 3 0 0 0'; write timestamp tx"),
+    (["a.png"], ["0 1 2 3 0 0 0"], r"line 3 of .* has 7 values for 8 columns; write t tx ty"),
     (["a.png"], ["0 1 2 nan 0 0 0 1"], r"line 3 of"),
     (["a.png"], ["0 1 2 3 0 0 0 0"], r"line 3 of"),
-    (["a.png"], [], r"has 0 poses; give at least 1"),
+    (["a.png"], [], r"holds no pose; write one in each line"),
     (["a.png", "b.png"], ["0 1 2 3 0 0 0 1"], r"has 1 poses for 2 images; .*by their stamps"),
+    (["1.00.png", "2.50.png"], ["1700000000 1 2 3 0 0 0 1", "1700000009 1 2 3 0 0 0 1"], r"named by times of 1\.000 s to 2\.500 s, and .*poses\.tum covers 1700000000\.000 s \(2023"),
+    (["1700000000500000000.png"], ["1700000000.5 1 2 3 0 0 0 1", "1700000000.6 1 2 x 0 0 0 1"], r"line 4 of .* has tz='x'"),
+    (["1600000000500.png"], ["1700000000.5 1 2 3 0 0 0 1", "1700000000.6 1 2 3 0 0 0 1"], r"named by times of 1600000000\.500 s .* 1700000000"),
     (["1.00.png", "2.50.png"], ["1.01 1 2 3 0 0 0 1"], r"no pose within 0\.02 s of 1 of 2 images, 2\.50\.png say"),
 ])  # fmt: skip
 def test_trajectories_that_do_not_fit(write_tum, names, lines, sentence):

@@ -9,14 +9,18 @@ import sys
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from omegaconf import OmegaConf
 from omegaconf.errors import MissingMandatoryValue
 
 from omnilab.api import GridPoses, RecordedPoses, Sensor
+from omnilab.errors import DataError
 from omnilab.geometry import heading_of, wrap_angle
 from omnilab.image import panorama
 from omnilab_recordings import Folder
 from omnilab_recordings.folder import OnBadImage
+from omnilab_recordings.images.order import in_order
 
 
 def numbers(plan):
@@ -91,6 +95,34 @@ def test_without_positions_names_are_in_numerical_order(write_recording):
     assert frames.T_world_camera is None
     assert frames.images[:, 0, 0].tolist() == [3, 11]
     assert frames.stamps_ns.tolist() == [300_000_000, 1_100_000_000]
+
+
+@pytest.mark.parametrize("names", [
+    ["1000.0", "1000.05", "1000.1", "1000.15", "1000.2", "1000.95", "1001.0"],  # seconds as Python prints them
+    ["999.95", "1000.05", "1000.10", "1000.20"],
+    ["1.1", "1.9", "1.10", "1.11"],  # the ninth, the tenth
+    ["a_0.25_left", "a_0.5_left", "a_0.75_left"], ["v1.2.9", "v1.2.10", "v1.10.1"], ["1", "2", "10"],
+    ["run2_3.5", "run10_0.25"],
+])  # fmt: skip
+def test_names_with_numbers_are_in_their_order(names):
+    files = [f"{name}.png" for name in names]
+    for start in range(len(files)):
+        assert in_order(files[start:] + files[:start]) == files
+
+
+@given(st.lists(st.integers(0, 10**5), min_size=1, max_size=20, unique=True), st.sampled_from([10, 100, 1000]))
+def test_times_as_python_prints_them_are_in_order(ticks, per_second):
+    times = sorted(tick / per_second for tick in ticks)
+    assert in_order(f"{time}.png" for time in reversed(times)) == [f"{time}.png" for time in times]
+
+
+def test_a_log_is_no_folder(tmp_path):
+    (tmp_path / "run.mcap").write_bytes(b"\x89MCAP0\r\n")
+    with pytest.raises(DataError, match=r"is an MCAP log, no folder of images; export its images .*evo_traj bag2"):
+        Folder(str(tmp_path / "run.mcap")).plan(RecordedPoses())
+    (tmp_path / "a.png").write_bytes(b"\x89PNG")
+    with pytest.raises(DataError, match=r"is a PNG picture, no folder of images; give sensor\.path=DIR"):
+        Folder(str(tmp_path / "a.png")).plan(RecordedPoses())
 
 
 def test_recorded_stamps(write_recording):

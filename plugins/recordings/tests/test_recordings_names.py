@@ -86,7 +86,7 @@ def test_a_pattern_of_ones_own_in_any_unit(x_cm, y_mm, yaw):
 @pytest.mark.parametrize(("settings", "sentence"), [
     ({"names": "bielfeld"}, r"'bielfeld' is no preset \(did you mean bielefeld\?\); there is bielefeld, .*utm"),
     ({"names": "(?P<ix>\\d+"}, r"no regular expression \(.*\); mend it"),
-    ({"names": r"(?P<yaw_degree>\d+)_"}, r"group 'yaw_degree' \(did you mean yaw_deg\?\); it may be ix, iy"),
+    ({"names": r"(?P<yaw_degree>\d+)_"}, r"group 'yaw_degree' \(name it yaw_deg \(counter-clockwise from \+x\)\); it may be ix, iy"),
     ({"names": r"(?P<yaw_deg>\d+)_"}, r"gives no position"),
     ({"names": "x" * 290 + r"(?P<ix>\d+)_"}, r"has 302 characters; .* at most 300"),
     ({"names": r"(?P<ix>\d+)_"}, r"group ix, so spacing_m=None cannot be; give sensor\.spacing_m above 0"),

@@ -74,6 +74,35 @@ def test_images_before_and_after_the_file_fail_in_words(tmp_path):
     assert not motion(odometry, frames((0, 1))).failed
 
 
+@pytest.mark.parametrize(("shift_s", "sentence"), [
+    (-START, r"taken at 1700000000\.000 s \(2023-11-14 22:13:20 UTC\) to .*, and .*wheels\.tum covers 0\.000 s to 2\.000 s; these are two clocks"),
+    (3600, r"covers 1700003600\.000 s .*about -3600\.000 s"),  # a time zone
+    (-18, r"covers 1699999982\.000 s .*about 18\.000 s"),  # leap seconds
+])  # fmt: skip
+def test_wheels_of_another_clock_are_refused_with_both_ranges(tmp_path, shift_s, sentence):
+    with pytest.raises(DataError, match=sentence):
+        tum(tmp_path / "wheels.tum", [(shift_s + t, t, 0, 0) for t in range(3)]).extract(frames())
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1000, "milliseconds"), (10**6, "microseconds")])
+def test_wheels_in_another_unit_of_time(tmp_path, factor, unit):
+    rows = "".join(f"{(8 + t) * factor},{t},0\n" for t in range(3))
+    (tmp_path / "wheels.csv").write_text(f"stamp_s,x_m,y_m\n{rows}")
+    images = frames()
+    images.stamps_ns[:] = np.array([8, 9, 10]) * 10**9
+    with pytest.raises(
+        DataError, match=rf"the times in .* look like {unit} where seconds belong: divide them by {factor}$"
+    ):
+        Recorded(str(tmp_path / "wheels.csv")).extract(images)
+
+
+def test_wheels_that_start_late_are_waited_for(tmp_path):
+    odometry = tum(tmp_path / "wheels.tum", [(t, t, 0, 0) for t in range(5, 15)])
+    assert np.isnan(odometry.extract(frames((0,)))[0].pose).all()
+    assert odometry.extract(frames((6,)))[0].pose[0] == 6
+    assert np.isnan(odometry.extract(frames((99,)))[0].pose).all()  # and the rest of the images may come long after
+
+
 def test_the_covariance_is_that_of_the_settings(tmp_path):
     table(tmp_path)
     odometry = Recorded(str(tmp_path / "wheels.csv"), 0.1, 0.01, 2.0, 0.1)

@@ -368,22 +368,22 @@ def test_times_of_a_path_are_exact(tmp_path):
 @pytest.mark.parametrize(
     ("name", "text", "fix"),
     [
-        ("p.txt", "0 1 2 3 0 0 0 1\n1 1 2 3 0 0 0\n", "line 2 of .* has 7 values; write 8: t tx ty tz"),
+        ("p.txt", "0 1 2 3 0 0 0 1\n1 1 2 3 0 0 0\n", "line 2 of .* has 7 values for 8 columns; write t tx ty tz"),
         ("p.txt", "0 1 2 x 0 0 0 1\n", r"line 1 of .* has tz='x' \(column 4\); write a finite number"),
         ("p.txt", "nan 1 2 3 0 0 0 1\n", r"t='nan' \(column 1\)"),
-        ("p.txt", "1e300 1 2 3 0 0 0 1\n", "t=1e300; write a time"),
-        ("p.txt", "0 1 2 3 0 0 0 2\n", r"line 1 .* = \[0.0, 0.0, 0.0, 2.0\], no unit quaternion; normalise"),
+        ("p.txt", "1e300 1 2 3 0 0 0 1\n", r"t='1e300' \(column 1\); write a time"),
+        ("p.txt", "0 1 2 3 0 0 0 2\n", r"line 1 .* = \[0.0, 0.0, 0.0, 2.0\], no unit quaternion; write a proper"),
         ("p.txt", "0 1 2 3 0 0 0 0\n", "no unit quaternion"),
         ("p.txt", "# nothing\n", "holds no pose"),
         ("p.csv", "", "holds no pose"),
         ("p.csv", "x_m,y_m\n1,2\n", "no column z_m, only x_m, y_m; add it"),
         ("p.csv", "x_m,y_m,z_m\n1,2,inf\n", r"line 2 of .* has z_m='inf' \(column 3\)"),
-        ("p.csv", "x_m,y_m,z_m\n1,2,3\n1,2\n", "line 3 of .* has 2 values; write 3"),
+        ("p.csv", "x_m,y_m,z_m\n1,2,3\n1,2\n", "line 3 of .* has 2 values for 3 columns"),
         ("p.csv", "x_m,y_m,z_m,x_m\n1,2,3,4\n", "two columns of one name"),
         ("p.csv", "x_m,y_m,z_m,qx,qy,qz\n1,2,3,0,0,0\n", "lacks qw; give all of qx, qy, qz, qw"),
         ("p.csv", "x_m,y_m,z_m,r00,r01,r02,r10,r11,r12,r20,r21,r22\n1,2,3,1,0,0,0,1,0,0,0,-1\n", "no rotation matrix"),
-        ("p.csv", 'x_m,y_m,z_m\n1,2,"3\n', "no text of poses"),
-        ("absent.txt", None, "cannot be read .*TUM's format"),
+        ("p.csv", 'x_m,y_m,z_m\n1,2,"3\n', "line 2 of .* a quotation mark that does not close"),
+        ("absent.txt", None, "cannot be read .*TUM's or KITTI's format"),
     ],
 )  # fmt: skip
 def test_a_broken_path_is_told_by_line_and_column(tmp_path, name, text, fix):

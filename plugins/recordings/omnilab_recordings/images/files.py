@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import stat
 import unicodedata
 from collections import deque
@@ -12,6 +11,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath
 
 from omnilab.errors import DataError
+from omnilab_recordings.images.order import in_order
 
 SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"})
 LARGEST_FILE = 256 * 2**20  # bytes
@@ -19,13 +19,13 @@ MOST_FILES = 1_000_000  # below a folder; a link to a whole disk is a mistake
 
 
 def image_names(folder: Path, pattern: str) -> list[str]:
-    """Paths below the folder of the images that match a glob pattern; numbers in names count (img-2 before img-10).
+    """Paths below the folder of the images that match a glob pattern, in the order of `in_order`.
 
     What is hidden (its name starts with a dot) is no image. Links to folders are followed.
     """
     parts = PurePosixPath(composed(pattern)).parts
     names = (file.relative_to(folder).as_posix() for file in _files(folder) if file.suffix.lower() in SUFFIXES)
-    return sorted((name for name in names if _matches(composed(name).split("/"), parts)), key=_by_number)
+    return in_order(name for name in names if _matches(composed(name).split("/"), parts))
 
 
 def composed(name: str) -> str:
@@ -83,11 +83,6 @@ def _matches(name: Sequence[str], pattern: Sequence[str]) -> bool:
     if pattern[0] == "**":
         return len(pattern) > 1 and (_matches(name, pattern[1:]) or (len(name) > 1 and _matches(name[1:], pattern)))
     return bool(name) and fnmatchcase(name[0], pattern[0]) and _matches(name[1:], pattern[1:])
-
-
-def _by_number(name: str) -> tuple[list[str | int], str]:
-    # the odd pieces are the numbers, so that text never meets a number
-    return [int(part) if i % 2 else part for i, part in enumerate(re.split(r"(\d+)", name))], name
 
 
 def read_bytes(folder: Path, name: str) -> bytes:

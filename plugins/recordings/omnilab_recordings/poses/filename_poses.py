@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal, InvalidOperation
 from typing import Any
@@ -13,20 +13,16 @@ import numpy as np
 from omnilab.api import Floats, Ints
 from omnilab.errors import ConfigError, DataError, did_you_mean
 from omnilab.geometry import rotation_xyz
+from omnilab.trajectory.columns import HEADINGS, LENGTHS, STAMPS
+from omnilab.trajectory.lookalikes import remedy_for
 from omnilab_recordings.poses.positions import Positions
 
 LONGEST_PATTERN = 300  # characters; Python's re can take for ever where repetitions nest, so keep patterns plain
 LONGEST_PATH = 1024  # characters
 SHOWN = 3  # names in a message
-UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-LENGTHS = {f"{axis}_{unit}": (axis, metres) for unit, metres in UNITS_M.items() for axis in ("x", "y", "z", "height")}
 INDICES = ("ix", "iy", "i", "iz")
-YAWS: dict[str, Callable[[Floats], Floats]] = {  # to radians, counter-clockwise from the world's +x
-    "yaw_deg": np.deg2rad,
-    "yaw_rad": np.asarray,
-    "heading_deg": lambda compass: np.deg2rad(90 - compass),  # clockwise from north, +y
-}
-GROUPS = (*INDICES, *LENGTHS, *YAWS, "stamp_s", "stamp_ns", "view")
+GROUPS = (*INDICES, *LENGTHS, *HEADINGS, *STAMPS, "view")
+AXES = {axis: [name for name, (of, _) in LENGTHS.items() if of == axis] for axis in "xyz"}
 NEEDED_BY = {"spacing_m": ("ix", "iy", "i"), "columns": ("i",), "height_step_m": ("iz",), "lowest_m": ("iz",)}
 
 
@@ -97,7 +93,8 @@ def _groups(pattern: str) -> set[str]:
     except re.error as error:
         raise ConfigError(f"names={pattern!r} is no regular expression ({error}); mend it") from error
     for group in sorted(groups - set(GROUPS)):
-        raise ConfigError(f"names has the group '{group}'{did_you_mean(group, GROUPS)}; it may be {', '.join(GROUPS)}")
+        hint = f" ({found})" if (found := remedy_for(group)) else did_you_mean(group, GROUPS)
+        raise ConfigError(f"names has the group '{group}'{hint}; it may be {', '.join(GROUPS)}")
     if not groups & {*INDICES, *LENGTHS}:
         raise ConfigError(
             f"names={pattern!r} gives no position; name a group, (?P<ix>\\d+) say, one of {', '.join(GROUPS)}"
@@ -108,16 +105,22 @@ def _groups(pattern: str) -> set[str]:
 def positions_of(images: Sequence[str], how: Naming) -> Positions:
     """Where N images were taken, by their names; DataError with the first names that do not say it."""
     texts = _texts(images, how.pattern)
-    values = {group: _numbers(images, group, texts[group]) for group in texts if group in {*INDICES, *LENGTHS, *YAWS}}
+    for quantity, units in {"heading": HEADINGS, "time": STAMPS, **AXES}.items():
+        if len(twice := [unit for unit in units if unit in texts]) > 1:
+            raise ConfigError(f"sensor.names gives the {quantity} twice, as {' and '.join(twice)}; leave one out")
+    values = {
+        group: _numbers(images, group, texts[group]) for group in texts if group in {*INDICES, *LENGTHS, *HEADINGS}
+    }
     if "i" in values:
         values["iy"], values["ix"] = np.divmod(values["i"] - values["i"].min(), how.columns or 1)
-    yaw_rad = sum((radians(values[yaw]) for yaw, radians in YAWS.items() if yaw in values), np.zeros(len(images)))
+    yaw_rad = sum((radians(values[yaw]) for yaw, radians in HEADINGS.items() if yaw in values), np.zeros(len(images)))
     found = Positions(
         images=list(images),
         position_m=np.stack([_along_m(axis, values, how, len(images)) for axis in "xyz"], -1),
         R_world_robot=rotation_xyz(0, 0, yaw_rad),
         cells=np.stack([values["ix"], values["iy"]], -1).astype(np.int64) if {"ix", "iy"} <= set(values) else None,
         stamps_ns=_stamps_ns(images, texts),
+        turn=tuple(name for name in HEADINGS if name in values),
     )
     _check_different(found, yaw_rad, texts.get("view", [""] * len(images)))
     return found
@@ -160,7 +163,7 @@ def _number(image: str, group: str, text: str, times: int = 1) -> Decimal:
 def _along_m(axis: str, values: dict[str, Floats], how: Naming, count: int) -> Floats:
     """Coordinates (N,) along an axis: measured, or counted."""
     for group, (of, metres) in LENGTHS.items():
-        if group in values and axis == {"height": "z"}.get(of, of):
+        if group in values and axis == of:
             return values[group] * metres
     if axis == "z" and "iz" in values:
         return np.asarray((how.lowest_m or 0.0) + (how.height_step_m or 0.0) * (values["iz"] - values["iz"].min()))
@@ -168,7 +171,7 @@ def _along_m(axis: str, values: dict[str, Floats], how: Naming, count: int) -> F
 
 
 def _stamps_ns(images: Sequence[str], texts: dict[str, list[str]]) -> Ints | None:
-    for group, ns in ("stamp_ns", 1), ("stamp_s", 10**9):
+    for group, ns in STAMPS.items():
         if group in texts:
             stamps = [int(_number(image, group, text, ns)) for image, text in zip(images, texts[group], strict=True)]
             return np.array(stamps, np.int64)

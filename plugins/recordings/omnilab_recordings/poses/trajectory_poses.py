@@ -1,4 +1,4 @@
-"""Poses of images from a trajectory in the format of the TUM RGB-D benchmark, matched by stamp or by order."""
+"""Poses of images from a trajectory (TUM's or KITTI's format), matched by stamp or by order."""
 
 from __future__ import annotations
 
@@ -9,46 +9,43 @@ from pathlib import Path
 
 import numpy as np
 
-from omnilab.api import Floats, Ints
+from omnilab.api import Ints
 from omnilab.errors import DataError
-from omnilab.trajectory.files import MOST_POSES, NoPoseError, PoseLineError, read_trajectory
+from omnilab.trajectory import clocks
+from omnilab.trajectory.files import read_trajectory
 from omnilab_recordings.poses.positions import Positions
 
-SUFFIXES = frozenset({".txt", ".tum"})
+SUFFIXES = frozenset({".txt", ".tum", ".kitti"})
 NEAR_NS = 20_000_000  # between the stamp of an image and of its pose: the benchmark's own tolerance
+AS_SECONDS = "name the images by their stamps in seconds (1305031102.175304.png)"
 
 
 def poses_of_images(file: Path, images: Sequence[str]) -> Positions:
     """Poses of images (N,) by a trajectory.
 
-    Images named by their stamp in seconds, such as 1305031102.175304.png, take the pose nearest in time, others the
-    poses in their order. DataError names the line that is no pose, or the images that have none.
+    Images named by their stamp, in seconds with a point (1305031102.175304.png) or in whole milli-, micro- or nanoseconds
+    since 1970, take the pose nearest in time, others the poses in their order. DataError names the line that is no pose,
+    or the images that have none.
     """
-    T, stamps_ns = _trajectory(file)
+    found = read_trajectory(file, lenient=True)
+    T, stamps_ns = found.T_world_camera, found.stamps_ns
+    rows = _rows(file, images, len(T), stamps_ns)
+    stamps = None if stamps_ns is None else stamps_ns[rows]
+    return Positions(list(images), T[rows, :3, 3], T[rows, :3, :3], None, stamps, found.turn)
+
+
+def _rows(file: Path, images: Sequence[str], count: int, stamps_ns: Ints | None) -> Ints:
+    """Which of the poses each image takes (N,)."""
     names = [Path(image).stem for image in images]
-    if all(re.fullmatch(r"\d{1,10}\.\d{1,9}", name) for name in names):
-        rows = _nearest(file, images, np.array([int(Decimal(name) * 10**9) for name in names], np.int64), stamps_ns)
-    elif len(images) == len(stamps_ns):
-        rows = np.arange(len(images))
-    else:
-        raise DataError(
-            f"{file} has {len(stamps_ns)} poses for {len(images)} images; give as many,"
-            " or name the images by their stamps in seconds (1305031102.175304.png)"
-        )
-    return Positions(list(images), T[rows, :3, 3], T[rows, :3, :3], None, stamps_ns[rows])
-
-
-def _trajectory(file: Path) -> tuple[Floats, Ints]:
-    """Poses (N, 4, 4) and stamps (N,) in nanoseconds; DataError in the words of a folder of images."""
-    try:
-        found = read_trajectory(file, lenient=True)
-    except PoseLineError as error:
-        line = " ".join(error.values)[:60]
-        raise DataError(f"line {error.number} of {file} is {line!r}; write timestamp tx ty tz qx qy qz qw") from error
-    except NoPoseError as error:
-        raise DataError(f"{file} has 0 poses; give at least 1 and at most {MOST_POSES}") from error
-    assert found.stamps_ns is not None  # TUM's format has them
-    return found.T_world_camera, found.stamps_ns
+    if stamps_ns is not None and all(re.fullmatch(r"\d{1,10}\.\d{1,9}", name) for name in names):
+        return _nearest(file, images, np.array([int(Decimal(name) * 10**9) for name in names], np.int64), stamps_ns)
+    whole = clocks.stamps_of_names(names)
+    if stamps_ns is not None and whole is not None and (clocks.overlap(whole, stamps_ns) or len(images) != count):
+        return _nearest(file, images, whole, stamps_ns)
+    if len(images) == count:
+        return np.arange(count)
+    raise DataError(f"{file} has {count} poses for {len(images)} images; give as many" + (
+        f", or {AS_SECONDS}" if stamps_ns is not None else " (it holds no times)"))  # fmt: skip
 
 
 def _nearest(file: Path, images: Sequence[str], wanted_ns: Ints, stamps_ns: Ints) -> Ints:
@@ -57,6 +54,8 @@ def _nearest(file: Path, images: Sequence[str], wanted_ns: Ints, stamps_ns: Ints
     around = order[np.stack([after - 1, after]).clip(0, len(order) - 1)]
     rows = np.take_along_axis(around, np.abs(stamps_ns[around] - wanted_ns).argmin(axis=0)[None], axis=0)[0]
     far = np.abs(stamps_ns[rows] - wanted_ns) > NEAR_NS
+    if far.all() and not clocks.overlap(wanted_ns, stamps_ns):
+        raise DataError(clocks.differ(wanted_ns, stamps_ns, str(file), "the images are named by times of"))
     if far.any():
         raise DataError(
             f"{file} has no pose within {NEAR_NS / 1e9} s of {far.sum()} of {len(images)} images,"

@@ -19,7 +19,8 @@ from omnilab.api import Bytes, Camera, Floats, Ints, Parts, Plan
 from omnilab.cameras import ImageCircle, RayCamera, save_camera
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of
-from omnilab.trajectory.files import MATRIX, POSITION, tum_text
+from omnilab.trajectory.columns import MATRIX, POSITION
+from omnilab.trajectory.files import tum_text
 
 ABOUT = "dataset.json"
 LARGEST_FILE = 64 * 2**20  # bytes, of dataset.json

@@ -1,0 +1,88 @@
+"""What a file is by its first bytes, so that one given in the wrong place is named for what it is."""
+
+from __future__ import annotations
+
+import re
+import stat
+from pathlib import Path
+
+HEAD = 4096  # bytes that are looked at
+MAGIC = {  # first bytes: what such a file is
+    b"\x89MCAP0\r\n": "an MCAP log",
+    b"#ROSBAG V": "a ROS 1 bag",
+    b"SQLite format 3\x00": "an SQLite database (a ROS 2 bag, say)",
+    b"PAR1": "a Parquet table",
+    b"\x89HDF\r\n\x1a\n": "an HDF5 file (MATLAB writes those, too)",
+    b"MATLAB 5.0 MAT-file": "a MATLAB file",
+    b"\x93NUMPY": "a NumPy array",
+    b"\xd0\xcf\x11\xe0": "an old Office document (.xls, say)",
+    b"\x1f\x8b": "compressed by gzip",
+    b"BZh": "compressed by bzip2",
+    b"\xfd7zXZ\x00": "compressed by xz",
+    b"\x28\xb5\x2f\xfd": "compressed by zstd",
+    b"7z\xbc\xaf\x27\x1c": "a 7z archive",
+    b"Rar!": "a RAR archive",
+    b"RRF2": "a Rerun recording",
+    b"RRIO": "a Rerun recording",
+    b"%PDF": "a PDF",
+    b"\x89PNG": "a PNG picture",
+    b"\xff\xd8\xff": "a JPEG picture",
+    b"II*\x00": "a TIFF picture",
+    b"MM\x00*": "a TIFF picture",
+    b"ply\n": "a PLY mesh or point cloud",
+    b"ply\r": "a PLY mesh or point cloud",
+    b"glTF": "a glTF mesh",
+    b"\xff\xfe": "text in UTF-16 (save it as UTF-8)",
+    b"\xfe\xff": "text in UTF-16 (save it as UTF-8)",
+}
+ZIPPED = {  # a zip archive, by the name of something in it
+    b"xl/": "an Excel workbook",
+    b"[Content_Types].xml": "an Office document (an Excel workbook, say)",
+    b"mimetypeapplication/vnd.oasis.opendocument": "an OpenDocument table",
+    b".npy": "a NumPy archive (.npz)",
+    b".pkl": "a PyTorch model",
+}
+GRAPH = re.compile(rb"\s*(?:#[^\n]*\n\s*)*(VERTEX|EDGE)")
+
+
+def kind_of_file(file: Path) -> str | None:
+    """What a file is, as words that follow "is": "an MCAP log", "a folder". None: plain text, or nothing known.
+
+    Never reads a pipe or a device. OSError where there is nothing, or it cannot be read.
+    """
+    mode = file.stat().st_mode
+    if stat.S_ISDIR(mode):
+        return "the folder of a ROS 2 bag" if (file / "metadata.yaml").is_file() else "a folder"
+    if not stat.S_ISREG(mode):
+        return "a pipe or a device, no file"
+    with file.open("rb") as stream:
+        head = stream.read(HEAD)
+    return _kind_of(head)
+
+
+def _kind_of(head: bytes) -> str | None:
+    if head.startswith(b"PK\x03\x04"):
+        return next((kind for within, kind in ZIPPED.items() if within in head), "a zip archive")
+    for magic, kind in MAGIC.items():
+        if head.startswith(magic):
+            return kind
+    text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
+    if text.startswith(b"{") or re.match(rb"\[\s*[\[{\"\]\d-]", text):
+        return "JSON"
+    if re.match(rb"<[?!a-zA-Z]", text):
+        return "HTML" if re.match(rb"<(!doctype )?html", text, re.IGNORECASE) else "XML"
+    if head[:1] == b"\x80" and head[1:2] in b"\x02\x03\x04\x05":
+        return "a Python pickle, which is never read"
+    if GRAPH.match(text):
+        return "a pose graph (g2o or TORO)"
+    return "binary, no text" if b"\x00" in head else None
+
+
+def how_to_export(file: Path, kind: str) -> str:
+    """What to do with a log of ROS instead of giving it where a text of poses is read; "" for what is no such log."""
+    words = {"an MCAP log": "bag2", "the folder of a ROS 2 bag": "bag2", "a ROS 1 bag": "bag"}
+    words["an SQLite database (a ROS 2 bag, say)"] = "bag2"
+    if kind not in words:
+        return ""
+    log = file.parent if kind.startswith("an SQLite") else file
+    return f"export a topic of it with evo, evo_traj {words[kind]} {log} /odom --save_as_tum, and give the .tum"
