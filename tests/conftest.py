@@ -43,7 +43,7 @@ def _state(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     os.environ.pop("HYDRA_FULL_ERROR", None)  # every experiment sets it
     logging.getLogger("omnilab").setLevel(level)
     for name in set(sys.modules) - modules:
-        if name.startswith("omnilab_file_"):
+        if name.startswith("omnilab.runner.plugin_files."):
             del sys.modules[name]
 
 

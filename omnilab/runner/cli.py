@@ -87,12 +87,14 @@ def _experiments() -> list[str]:
 
 
 def _plugins_command(name: str) -> hooks.Command:
-    commands = discover_loudly().commands
+    registry = discover_loudly()
+    commands = registry.commands
     if name not in commands:
         known = [*COMMANDS, *sorted(commands)]
         raise ConfigError(
             f"'{name}' is no command; there is {', '.join(known)}, and overrides such as experiment=grid"
             + did_you_mean(name, known)
+            + registry.failed
         )
     return commands[name]
 
@@ -154,7 +156,11 @@ def _print_manuals(names: Sequence[str], registry: Registry) -> None:
             )
         if not found:
             known = sorted({component.name for component in registry.components.values()})
-            raise ConfigError(f"there is no component '{name}'; there is {', '.join(known)}{did_you_mean(name, known)}")
+            raise ConfigError(
+                f"there is no component '{name}'; there is {', '.join(known)}"
+                + did_you_mean(name, known)
+                + registry.failed
+            )
         for component in found:
             title = f"{component.kind}={component.name}"
             console.print(Text.assemble((title, "bold"), "  ", (visible(component.plugin.title), "dim")))

@@ -22,7 +22,7 @@ from omnilab.errors import ConfigError, DataError, OmnilabError, did_you_mean
 from omnilab.runner.build import build
 from omnilab.runner.config import Run, logs_folder
 from omnilab.runner.execute import execute
-from omnilab.runner.registry import Registry
+from omnilab.runner.registry import Registry, discover
 from omnilab.runner.run_folder import FAILED, RunFolder, load_run, new_folder_name, origin, write_summary
 from omnilab.runner.terminal import headline, print_error, print_summary, short, show_run
 
@@ -31,15 +31,7 @@ def experiment(argv: list[str], registry: Registry) -> int:
     """Compose the configuration with Hydra and run it, once or as a sweep. Returns the exit code."""
     OmegaConf.register_new_resolver("omnilab_folder", new_folder_name, use_cache=True, replace=True)
     OmegaConf.register_new_resolver("omnilab_logs", logs_folder, replace=True)
-    mistakes: list[OmnilabError] = []
-
-    def task(config: DictConfig) -> None:
-        try:
-            run_job(config, registry)
-        except OmnilabError as mistake:
-            mistakes.append(mistake)  # Hydra would print its own lines about it
-
-    task.__module__ = __name__
+    task = Task(registry)
     os.environ["HYDRA_FULL_ERROR"] = "1"  # exceptions come to us instead of being printed by Hydra
     sys.argv = [sys.argv[0], *argv]
     Summary.failed = 0
@@ -59,9 +51,27 @@ def experiment(argv: list[str], registry: Registry) -> int:
         raise ConfigError(
             "a slot cannot be set to null; leave a component out with ~SLOT, as in ~descriptor"
         ) from error
-    if mistakes:
-        raise mistakes[0]
+    if task.mistake:
+        raise task.mistake
     return 1 if Summary.failed else 0
+
+
+class Task:
+    """What Hydra calls for each job. In a worker of a parallel launcher it is a copy, which looks for plugins itself."""
+
+    def __init__(self, registry: Registry | None = None) -> None:
+        self.registry = registry
+        self.mistake: OmnilabError | None = None
+
+    def __reduce__(self) -> tuple[type[Task], tuple[()]]:
+        return Task, ()  # plugins that failed need not pickle
+
+    def __call__(self, config: DictConfig) -> None:
+        self.registry = self.registry or discover()
+        try:
+            run_job(config, self.registry)
+        except OmnilabError as mistake:
+            self.mistake = mistake  # Hydra would print its own lines about it
 
 
 def run_job(config: DictConfig, registry: Registry) -> None:
@@ -163,7 +173,10 @@ def _missing_choice(group: str, name: str, text: str, registry: Registry) -> str
         return registry.missing(group, name)
     listed = text.partition("Available options")[2].partition("Config search path")[0]
     options = [line.strip() for line in listed.splitlines()[1:] if line.strip()]
-    return f"{group} '{name}' does not exist; there is {', '.join(options)}{did_you_mean(name, options, f'{group}=')}"
+    return (
+        f"{group} '{name}' does not exist; there is {', '.join(options)}{did_you_mean(name, options, f'{group}=')}"
+        + registry.failed
+    )
 
 
 def _missing_key(key: str, owner: str, text: str, registry: Registry) -> str:
@@ -172,4 +185,6 @@ def _missing_key(key: str, owner: str, text: str, registry: Registry) -> str:
     known = [field.name for field in fields(cls)]
     path = found[1] if (found := re.search(r"Could not override '([^']+)'", text)) else key
     where = "a run" if cls is Run else owner
-    return f"'{path}' is not a setting of {where}; there is {', '.join(known)}{did_you_mean(key, known)}"
+    return (
+        f"'{path}' is not a setting of {where}; there is {', '.join(known)}{did_you_mean(key, known)}" + registry.failed
+    )

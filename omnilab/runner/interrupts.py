@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 import gc
+import os
 import signal
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+
+SLOW_S = 10.0  # what takes longer is said, and Ctrl-C ends it
+
+_came: list[int] = []  # each Ctrl-C that waits
+_slow = threading.Event()
 
 
 @contextmanager
@@ -14,13 +21,14 @@ def uninterrupted() -> Iterator[None]:
 
     So does garbage collection: imports leave none, and looking for it takes a tenth of their time.
     """
-    came: list[int] = []
     collects = gc.isenabled()
     try:
-        before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+        before = signal.signal(signal.SIGINT, _hold)
     except ValueError:  # not in the main thread: whoever runs us there has signals in hand
         yield
         return
+    if before is not _hold:
+        _came.clear()
     try:
         gc.disable()
         yield
@@ -28,5 +36,40 @@ def uninterrupted() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
         if collects:
             gc.enable()
-    if came:
+    if _came:
         raise KeyboardInterrupt
+
+
+def interrupted() -> bool:
+    """Whether a Ctrl-C waits."""
+    return bool(_came)
+
+
+def _hold(number: int, _: object) -> None:
+    _came.append(number)
+    if _slow.is_set():
+        if len(_came) > 2:  # those before were swallowed
+            os._exit(130)
+        raise KeyboardInterrupt
+
+
+@contextmanager
+def noticed(say: Callable[[], None]) -> Iterator[None]:
+    """`say()` when what follows takes longer than `SLOW_S`; from then on Ctrl-C ends it, also one that waits."""
+
+    def late() -> None:
+        say()
+        _slow.set()
+        if _came:
+            signal.pthread_kill(caller, signal.SIGINT)  # wakes it from whatever it waits for
+
+    caller = threading.get_ident()
+    timer = threading.Timer(SLOW_S, late)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+        timer.join()
+        _slow.clear()

@@ -2,21 +2,20 @@
 
 Plugins are loaded one by one, each with a manager of its own: a broken one becomes a `Failure` and never stops the
 others. The environment variable ``OMNILAB_PLUGINS`` is a comma-separated list: a path ``file.py`` loads that file
-besides the installed plugins, ``-name`` leaves an installed plugin out, ``none`` leaves them all out.
+besides the installed plugins, ``-name`` leaves a plugin out (the name may be that of its distribution), ``none`` leaves
+all installed ones out but for those that are named.
 """
 
 from __future__ import annotations
 
-import hashlib
-import importlib.util
-import os
 import re
-import sys
+import shlex
 import traceback
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from importlib.metadata import PackageNotFoundError, entry_points, requires
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -29,7 +28,10 @@ from omnilab import hooks, renamed
 from omnilab.api import KINDS
 from omnilab.errors import ConfigError, PluginError, did_you_mean
 from omnilab.hooks import COMMANDS_HOOK
+from omnilab.runner.interrupts import interrupted, noticed, uninterrupted
+from omnilab.runner.plugin_files import VARIABLE, chosen_plugins, file_of, load_file
 from omnilab.runner.repair import RunsOnDisk
+from omnilab.runner.terminal import print_error
 
 DICTS = {kind.plural: kind.name for kind in KINDS.values() if kind.many}  # settings of a run that hold any number
 MANY = {kind.name: kind.plural for kind in KINDS.values() if not kind.slot}  # `disturbance=blur` goes to the dict
@@ -44,6 +46,7 @@ class Plugin:
     distribution: str
     version: str
     load: Callable[[], ModuleType] = field(compare=False)
+    word: str = ""  # that names it in OMNILAB_PLUGINS, and no other
 
     @property
     def title(self) -> str:
@@ -71,12 +74,14 @@ class Failure:
     """A plugin that could not be used, and why."""
 
     plugin: Plugin
-    error: Exception | SystemExit
+    error: BaseException
 
     @property
     def sentence(self) -> str:
-        cause = f"{type(self.error).__name__}: {self.error}" if not isinstance(self.error, PluginError) else self.error
-        return f"{self.plugin.title} not loaded: {' '.join(str(cause).split())}"
+        cause = " ".join(str(self.error).split())
+        if not isinstance(self.error, PluginError):
+            cause = f"{type(self.error).__name__}: {cause}".removesuffix(": ")
+        return f"{self.plugin.title} not loaded: {cause}"
 
     @property
     def traceback(self) -> str:
@@ -89,6 +94,7 @@ class Registry:
 
     components: dict[tuple[str, str], Component] = field(default_factory=dict)
     commands: dict[str, hooks.Command] = field(default_factory=dict)
+    commanders: dict[str, Plugin] = field(default_factory=dict)  # by command, the plugin that it comes from
     failures: list[Failure] = field(default_factory=list)
     formerly: dict[tuple[str, str], str] = field(default_factory=dict)  # kind and old name: what it is called now
     notes: list[str] = field(default_factory=list)  # on plugins with words of the version before
@@ -114,10 +120,13 @@ class Registry:
         """The sentence about a name that does not exist."""
         names = self.names(kind)
         sentence = f"{kind} '{name}' does not exist; there is {', '.join(names) or 'none'}"
-        sentence += did_you_mean(name, names, f"{kind}=")
-        if self.failures:
-            sentence += f"; {len(self.failures)} plugin(s) failed to load, see: omnilab plugins -v"
-        return sentence
+        return sentence + did_you_mean(name, names, f"{kind}=") + self.failed
+
+    @property
+    def failed(self) -> str:
+        """For the end of a sentence about a name that is not there: the plugins that failed, which may have it."""
+        names = ", ".join(failure.plugin.name for failure in self.failures)
+        return f"; not loaded: {names} (omnilab plugins -v says why)" if names else ""
 
     def of(self, instance: Any) -> Component | None:
         """Under which name an instance's class is registered."""
@@ -126,45 +135,78 @@ class Registry:
 
 def discover(select: str | None = None) -> Registry:
     """Load every plugin, register what is sound, and store it for Hydra."""
-    chosen = os.environ.get("OMNILAB_PLUGINS", "") if select is None else select
+    chosen = chosen_plugins() if select is None else [word for word in select.split(",") if word]
     registry = Registry()
-    for plugin in _plugins([word.strip() for word in chosen.split(",") if word.strip()]):
-        try:
-            components, commands = _load(plugin, registry)
-            for component in components:
-                _check_free(component, registry)
-            for name in commands:
-                _check_free_command(name, plugin, registry)
-            for component in components:
-                _store(component)
-        except (Exception, SystemExit) as error:  # noqa: BLE001  what a plugin does wrong must not stop the others
-            registry.failures.append(Failure(plugin, error))
-        else:
-            registry.components.update({(c.kind, c.name): c for c in components})
-            registry.formerly.update({(c.kind, c.formerly): c.name for c in components if c.formerly})
-            registry.commands.update(commands)
+    with uninterrupted():
+        for plugin in _plugins(chosen):
+            try:
+                with noticed(partial(_say_slow, plugin, chosen)):
+                    _add(plugin, registry, chosen)
+            except BaseException as error:  # what a plugin does wrong, or raises to end us, must not stop the others
+                if interrupted():
+                    raise KeyboardInterrupt from error
+                registry.failures.append(Failure(plugin, error))
     return registry
 
 
-def _plugins(chosen: list[str]) -> Iterator[Plugin]:
+def _say_slow(plugin: Plugin, chosen: Sequence[str]) -> None:
+    print_error(
+        f"{plugin.title} is still being imported; Ctrl-C ends this, and {_without(plugin, chosen)} leaves it out"
+    )
+
+
+def _add(plugin: Plugin, registry: Registry, chosen: Sequence[str]) -> None:
+    """Load a plugin, and take what it registers where all of it is sound."""
+    components, commands = _load(plugin, registry)
+    taken = [
+        (f"{c.kind} '{c.name}'", registry.components[c.kind, c.name].plugin)
+        for c in components
+        if (c.kind, c.name) in registry.components
+    ]
+    taken += [(f"the command '{name}'", registry.commanders[name]) for name in commands if name in registry.commanders]
+    for what, other in taken:
+        raise PluginError(
+            f"{what} is registered already by {other.title}; rename it, or leave one plugin out with"
+            f" {_without(plugin, chosen)}"
+        )
+    for component in components:
+        _store(component)
+    registry.components.update({(c.kind, c.name): c for c in components})
+    registry.formerly.update({(c.kind, c.formerly): c.name for c in components if c.formerly})
+    registry.commands.update(commands)
+    registry.commanders.update(dict.fromkeys(commands, plugin))
+
+
+def _without(plugin: Plugin, chosen: Sequence[str]) -> str:
+    """The variable as it is, but without one plugin."""
+    named = plugin.word in chosen
+    rest = [word for word in chosen if word != plugin.word] if named else [*chosen, f"-{plugin.word}"]
+    return f"{VARIABLE}={shlex.quote(','.join(rest))}"
+
+
+def _plugins(chosen: Sequence[str]) -> Iterator[Plugin]:
     """Installed plugins, those of omnilab[all] first so that no other can take their names; then single files."""
-    own = _own_distributions()
+    own, points = _own_distributions(), list(entry_points(group="omnilab"))
+    count = Counter(point.name for point in points)
     found = []
-    for point in entry_points(group="omnilab"):
-        dist = point.dist
-        found.append(Plugin(point.name, dist.name if dist else "?", dist.version if dist else "", point.load))
+    for point in points:
+        name, version = (point.dist.name, point.dist.version) if point.dist else ("?", "")
+        found.append(Plugin(point.name, name, version, point.load, point.name if count[point.name] == 1 else name))
     found.sort(key=lambda p: (p.distribution not in own, p.distribution, p.name))
+    files = {file.resolve(): (file, word) for word in chosen if (file := file_of(word))}  # each once
+    found += [Plugin(file.stem, word, "", partial(load_file, file), word) for file, word in files.values()]
+    known = {name for plugin in found for name in (plugin.name, plugin.distribution)}
     for word in chosen:
-        if word != "none" and not word.endswith(".py") and word.removeprefix("-") not in [p.name for p in found]:
+        if word != "none" and word.removeprefix("-") not in known and file_of(word) is None:
             raise ConfigError(
-                f"OMNILAB_PLUGINS names '{word}', which is no plugin; give file.py, none, or - and one of "
-                + ", ".join(p.name for p in found)
+                f"{VARIABLE} names '{word}', which is no plugin; give file.py, none, or - and one of "
+                + ", ".join(plugin.name for plugin in found)
             )
+    left_out = {word.removeprefix("-") for word in chosen if word.startswith("-")}
     for plugin in found:
-        if "none" not in chosen and f"-{plugin.name}" not in chosen:
+        names = {plugin.name, plugin.distribution}
+        if not names & left_out and ("none" not in chosen or names & set(chosen)):
             yield plugin
-    for path in (word for word in chosen if word.endswith(".py")):
-        yield Plugin(Path(path).stem, path, "", lambda path=path: _load_file(Path(path)))  # type: ignore[misc]
 
 
 def _own_distributions() -> set[str]:
@@ -173,19 +215,6 @@ def _own_distributions() -> set[str]:
     except PackageNotFoundError:  # run from a source tree that was never installed
         return set()
     return {"omnilab"} | {re.split(r"[ ;<>=!~\[]", line)[0] for line in wanted if line.startswith("omnilab-")}
-
-
-def _load_file(path: Path) -> ModuleType:
-    if not path.is_file():
-        raise PluginError(f"there is no file {path}; correct the path in OMNILAB_PLUGINS")
-    digest = hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]  # two files may have the same name
-    spec = importlib.util.spec_from_file_location(f"omnilab_file_{path.stem}_{digest}", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses and pickles look the module up by its name
-    spec.loader.exec_module(module)
-    return module
 
 
 def _load(plugin: Plugin, registry: Registry) -> tuple[list[Component], dict[str, hooks.Command]]:
@@ -271,22 +300,6 @@ def members(protocol: type[Any]) -> list[str]:
             offered = [n for n, value in vars(cls).items() if callable(value) or isinstance(value, property)]
             found += [name for name in [*cls.__annotations__, *offered] if not name.startswith("_")]
     return list(dict.fromkeys(found))
-
-
-def _check_free(component: Component, registry: Registry) -> None:
-    if other := registry.components.get((component.kind, component.name)):
-        raise PluginError(
-            f"{component.kind} '{component.name}' is registered already by {other.plugin.title};"
-            f" rename it, or leave one plugin out with OMNILAB_PLUGINS=-{component.plugin.name}"
-        )
-
-
-def _check_free_command(name: str, plugin: Plugin, registry: Registry) -> None:
-    if name in registry.commands:
-        raise PluginError(
-            f"the command '{name}' is registered already; rename it, or leave one plugin out with"
-            f" OMNILAB_PLUGINS=-{plugin.name}"
-        )
 
 
 def _store(component: Component) -> None:
