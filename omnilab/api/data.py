@@ -235,3 +235,11 @@ class Optimized:
     weights: Floats  # (E,) in [0, 1]: how much each edge still counts; 0: it was rejected
     covariances: Floats | None = None  # (N, d, d) of each pose, in its own frame, where they were requested
     warnings: Sequence[str] = ()  # in sentences
+    notes: Sequence[str] = ()  # which start was kept, which edges were trusted: sentences of no problem
+    trusted: Bools | None = None  # (E,) edges that could not be rejected, as known inliers; None: not said
+    starts: Mapping[str, float] = field(default_factory=dict)  # cost by initial guess, the kept one first, if several
+
+    @property
+    def rejected(self) -> Bools:
+        """Edges (E,) that count less than half."""
+        return np.asarray(self.weights < 0.5)

@@ -117,7 +117,7 @@ class Text:
     """A line of the run's log, or a document in Markdown."""
 
     text: str
-    level: str = "INFO"  # INFO, WARN, ERROR
+    level: str = "INFO"  # INFO, NOTE (as INFO, but on the terminal, too), WARN, ERROR
     markdown: bool = False
 
 

@@ -31,6 +31,8 @@ def check_backend(backend: Any) -> None:
         expect(found.chi2 < 1e-6 < found.chi2_before, f"chi2 goes from {found.chi2_before} to {found.chi2}")
         expect(found.weights.shape == (len(graph.edges),), "weights are not one for each edge")
         expect(bool(((found.weights > 0.5) & (found.weights <= 1)).all()), "edges that fit are not trusted")
+        trusted = found.trusted
+        expect(trusted is None or trusted.shape == (len(graph.edges),), "what was trusted is not one for each edge")
         d = 3 if graph.planar else 6
         expect(np.shape(found.covariances) == (len(graph), d, d), f"covariances are {np.shape(found.covariances)}")
         expect(bool((np.linalg.eigvalsh(found.covariances) > 0).all()), "covariances are not positive definite")

@@ -36,7 +36,7 @@ from omnilab.image import encode
 from omnilab_mcap import schema
 
 WORLD, CAMERA = "world", "camera"
-LEVELS = {"INFO": Log.Level.INFO, "WARN": Log.Level.WARNING, "ERROR": Log.Level.ERROR}
+LEVELS = {"INFO": Log.Level.INFO, "NOTE": Log.Level.INFO, "WARN": Log.Level.WARNING, "ERROR": Log.Level.ERROR}
 VERDICT_COLORS = {
     "nearest": Color(r=0.2, g=0.7, b=0.3, a=1.0),
     "second": Color(r=0.95, g=0.7, b=0.1, a=1.0),

@@ -58,7 +58,7 @@ def draw(record: Record, spacing_m: float) -> Drawing:
         case Text(markdown=True):
             yield "", [rr.TextDocument(record.text, media_type="text/markdown")]
         case Text():
-            yield "", [rr.TextLog(record.text, level=record.level)]
+            yield "", [rr.TextLog(record.text, level=record.level.replace("NOTE", "INFO"))]
         case _:
             raise TypeError(f"{type(record).__name__} has no drawing")
 

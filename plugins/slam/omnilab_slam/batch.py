@@ -3,24 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
-
-import numpy as np
 
 from omnilab.api import Floats, Optimized, PoseGraph
-from omnilab.errors import ConfigError, DataError
-from omnilab.posegraph.graph import check_graph, dead_reckoning, is_loop
-from omnilab_slam.factors import check_at_least, factors_of, noise_of, poses_of, robust, values_of
-from omnilab_slam.kernels import REDESCENDING, Kernel, check_width, weights
-from omnilab_slam.solvers import FAILURES, brief, check_start, levenberg_marquardt, refined
-
-
-class Start(Enum):
-    """Initial guess of the poses."""
-
-    given = "given"  # the graph's own; where a file has none, those of odometry
-    odometry = "odometry"  # motions chained from the first pose
-    lago = "lago"  # headings first, by a linear problem (Carlone et al., 2014); planar graphs
+from omnilab.posegraph.graph import check_graph, edge_chi2, is_loop
+from omnilab_slam.factors import check_at_least, factors_of, noise_of, robust, values_of
+from omnilab_slam.kernels import REDESCENDING, Kernel, check_width, costs, weights
+from omnilab_slam.solvers import levenberg_marquardt, refined, with_covariances, with_trust
+from omnilab_slam.starts import Start, from_start
 
 
 @dataclass
@@ -31,7 +20,7 @@ class GtsamBatch:
     Redescending kernels (geman_mcclure, welsch, tukey, dcs) would never leave a bad start: they start from Cauchy's optimum.
     """
 
-    start: Start = Start.given  # given, odometry or lago
+    start: Start = Start.best  # best, given, odometry, lago or chordal
     kernel: Kernel = Kernel.none  # none, huber, cauchy, geman_mcclure, welsch, tukey or dcs
     kernel_width: float | None = None  # in standard deviations; null: the kernel's usual one
     max_iterations: int = 200  # of each solution
@@ -45,44 +34,28 @@ class GtsamBatch:
     def optimize(self, graph: PoseGraph, covariances: bool = False) -> Optimized:
         """Initial guess, Levenberg-Marquardt (twice with a redescending kernel), the last Gauss-Newton steps."""
         check_graph(graph)
-        start = initial_poses(graph, self.start)
-        check_start(graph, start)
         noises, loops = [noise_of(W) for W in graph.information], is_loop(graph)
-        values, iterations, warnings = values_of(start), 0, list[str]()
-        for kernel in [Kernel.cauchy, self.kernel] if self.kernel in REDESCENDING else [self.kernel]:
-            width = self.kernel_width if kernel is self.kernel else None
-            factors = factors_of(graph, robust(noises, loops, kernel, width))
-            solved = levenberg_marquardt(factors, values, self.max_iterations, self.tolerance)
-            values, iterations, warnings = solved.values, iterations + solved.iterations, warnings + solved.warnings
+        kernels = [Kernel.cauchy, self.kernel] if self.kernel in REDESCENDING else [self.kernel]
+        widths = [self.kernel_width if kernel is self.kernel else None for kernel in kernels]
+        stages = [
+            factors_of(graph, robust(noises, loops, kernel, width))
+            for kernel, width in zip(kernels, widths, strict=True)
+        ]
 
-        def weigh(edge_chi2: Floats) -> Floats:
-            return weights(self.kernel, self.kernel_width, loops, edge_chi2)
+        def weigh(edge_errors: Floats) -> Floats:
+            return weights(self.kernel, self.kernel_width, loops, edge_errors)
 
-        solved = solved._replace(iterations=iterations, warnings=warnings)
-        return refined(graph, start, solved, weigh, factors if covariances else None)
+        def optimize(start: Floats) -> Optimized:
+            values, iterations, warnings = values_of(start), 0, list[str]()
+            for factors in stages:
+                solved = levenberg_marquardt(factors, values, self.max_iterations, self.tolerance)
+                values, iterations, warnings = solved.values, iterations + solved.iterations, warnings + solved.warnings
+            return refined(graph, start, solved._replace(iterations=iterations, warnings=warnings), weigh)
 
+        def cost(found: Optimized) -> float:
+            return float(costs(self.kernel, self.kernel_width, loops, edge_chi2(graph, found.poses)).sum())
 
-def initial_poses(graph: PoseGraph, start: Start) -> Floats:
-    """The initial guess, poses (N, k)."""
-    if start is Start.given:
-        return graph.poses
-    if start is Start.odometry:
-        return dead_reckoning(graph)
-    return _lago(graph)
-
-
-def _lago(graph: PoseGraph) -> Floats:
-    """LAGO, linear approximation for graph optimisation (Carlone et al., 2014), on a copy with diagonal noise.
-
-    GTSAM's takes no other noise.
-    """
-    import gtsam
-
-    if not graph.planar:
-        raise ConfigError("backend.start=lago is for planar graphs, and this one is spatial; give given or odometry")
-    variances = np.diagonal(np.linalg.inv(graph.information), axis1=1, axis2=2)
-    noises = [gtsam.noiseModel.Diagonal.Variances(v) for v in variances]
-    try:
-        return poses_of(gtsam.lago.initialize(factors_of(graph, noises)), planar=True)
-    except FAILURES as error:
-        raise DataError(f"lago finds no start ({brief(error)}); give backend.start=odometry") from error
+        found = from_start(graph, self.start, optimize, cost)
+        why = f"kernel {self.kernel.value} counts them less than half"
+        found = with_trust(found, loops, None if self.kernel is Kernel.none else why)
+        return with_covariances(found, stages[-1]) if covariances else found

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from omnilab.api import Floats, Optimized, PoseGraph
+from omnilab.api import Bools, Floats, Optimized, PoseGraph
 from omnilab.errors import ConfigError
 from omnilab.posegraph.graph import check_graph, edge_chi2, is_loop
-from omnilab_slam.batch import Start, initial_poses
 from omnilab_slam.factors import check_at_least, factors_of, noise_of, poses_of, values_of
-from omnilab_slam.solvers import check_start, guarded, parameters, refined
+from omnilab_slam.solvers import guarded, parameters, refined, with_covariances, with_trust
+from omnilab_slam.starts import Start, from_start
 
 
 @dataclass
@@ -23,7 +23,7 @@ class GtsamGnc:
     sound ones have. GTSAM does not report how many rounds it took: iterations count the last Gauss-Newton steps alone.
     """
 
-    start: Start = Start.given  # given, odometry or lago
+    start: Start = Start.best  # best, given, odometry, lago or chordal
     probability: float = 0.99  # of sound loop closures to be kept
     max_iterations: int = 100  # of Levenberg-Marquardt within each round
     tolerance: float = 1e-5  # relative decrease of the error at which a round stops
@@ -39,31 +39,43 @@ class GtsamGnc:
         import gtsam
 
         check_graph(graph)
-        start = initial_poses(graph, self.start)
-        check_start(graph, start)
-        factors, values = factors_of(graph, [noise_of(W) for W in graph.information]), values_of(start)
-        weights = np.ones(len(graph.edges))
+        loops, factors = is_loop(graph), factors_of(graph, [noise_of(W) for W in graph.information])
+        limit = self._limit(graph)
 
-        def solve() -> tuple[Any, int]:
-            solver = gtsam.GncLMOptimizer(factors, values, self._settings(graph))
-            solver.setInlierCostThresholdsAtProbability(self.probability)
-            optimum = solver.optimize()
-            weights[:] = solver.getWeights()[: len(weights)]
-            return optimum, 0
+        def optimize(start: Floats) -> Optimized:
+            values, weights = values_of(start), np.ones(len(graph.edges))
 
-        def weigh(_: Floats) -> Floats:
-            return weights
+            def solve() -> tuple[Any, int]:
+                solver = gtsam.GncLMOptimizer(factors, values, self._settings(loops))
+                solver.setInlierCostThresholdsAtProbability(self.probability)
+                optimum = solver.optimize()
+                weights[:] = solver.getWeights()[: len(weights)]
+                return optimum, 0
 
-        def cost(values: Any) -> float:
-            return float(weights @ edge_chi2(graph, poses_of(values, graph.planar)))
+            def weighted(values: Any) -> float:
+                return float(weights @ edge_chi2(graph, poses_of(values, graph.planar)))
 
-        solved = guarded(values, solve, cost)
-        return refined(graph, start, solved, weigh, factors if covariances else None)
+            return refined(graph, start, guarded(values, solve, weighted), lambda _: weights)
 
-    def _settings(self, graph: PoseGraph) -> Any:
+        def cost(found: Optimized) -> float:
+            errors = edge_chi2(graph, found.poses)
+            return float(np.where(loops, np.minimum(errors, limit), errors).sum())
+
+        found = from_start(graph, self.start, optimize, cost)
+        why = f"chi2 beyond {limit:.4g}, which {100 * (1 - self.probability):.4g} % of sound ones exceed"
+        found = with_trust(found, loops, why)
+        return with_covariances(found, factors) if covariances else found
+
+    def _limit(self, graph: PoseGraph) -> float:
+        """chi2 beyond which a loop closure is rejected: the quantile of `probability` for its degrees of freedom."""
+        from scipy.stats import chi2
+
+        return float(chi2.ppf(self.probability, graph.information.shape[1]))
+
+    def _settings(self, loops: Bools) -> Any:
         import gtsam
 
         settings = gtsam.GncLMParams(parameters(self.max_iterations, self.tolerance))
         settings.setLossType(gtsam.GncLossType.TLS)
-        settings.setKnownInliers([*np.flatnonzero(~is_loop(graph)).tolist(), len(graph.edges)])  # the last: the anchor
+        settings.setKnownInliers([*np.flatnonzero(~loops).tolist(), len(loops)])  # the last: the anchor
         return settings

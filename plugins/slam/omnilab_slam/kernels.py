@@ -55,3 +55,12 @@ def weights(kernel: Kernel, width: float | None, loops: Any, edge_chi2: Floats) 
         weight_of = estimator(kernel, width).weight
         weight[loops] = [weight_of(float(distance)) for distance in np.sqrt(edge_chi2[loops])]
     return np.clip(weight, 0, 1)
+
+
+def costs(kernel: Kernel, width: float | None, loops: Any, edge_chi2: Floats) -> Floats:
+    """What each edge (E,) adds to the robust cost: its chi2, a loop closure's as far as the kernel counts it."""
+    cost = edge_chi2.copy()
+    if kernel is not Kernel.none:
+        loss_of = estimator(kernel, width).loss
+        cost[loops] = [2 * loss_of(float(distance)) for distance in np.sqrt(edge_chi2[loops])]
+    return cost

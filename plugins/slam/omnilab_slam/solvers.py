@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -79,7 +80,6 @@ def refined(
     start: Floats,
     solved: Solved,
     weigh: Callable[[Floats], Floats],
-    factors: Any | None = None,  # for covariances
 ) -> Optimized:
     """The last Gauss-Newton steps, and the result; `weigh` turns chi2 of the edges (E,) into their weights (E,).
 
@@ -90,10 +90,31 @@ def refined(
         poses, steps = gauss_newton(graph, poses, weigh, MAX_STEPS, TOLERANCE)
     except FAILURES as error:  # say, all that ties a pose was rejected
         warnings.append(f"the last steps failed ({brief(error)}); GTSAM's optimum is kept")
-    covariances = None if factors is None else covariances_of(factors, poses, warnings)
     iterations = solved.iterations + steps
     weights = weigh(edge_chi2(graph, poses))
-    return Optimized(poses, chi2(graph, start), chi2(graph, poses), iterations, weights, covariances, warnings)
+    return Optimized(poses, chi2(graph, start), chi2(graph, poses), iterations, weights, warnings=warnings)
+
+
+def with_covariances(found: Optimized, factors: Any) -> Optimized:
+    """An optimum with the marginal covariances of its poses, or one more warning where there are none."""
+    warnings = list(found.warnings)
+    covariances = covariances_of(factors, found.poses, warnings)
+    return replace(found, covariances=covariances, warnings=warnings)
+
+
+def with_trust(found: Optimized, loops: Any, why: str | None) -> Optimized:
+    """An optimum with which of its edges were known inliers, and a sentence of that where others could be rejected.
+
+    `loops` (E,) are the loop closures; `why` says when one is rejected, None: no edge can be.
+    """
+    if why is None:
+        return replace(found, trusted=np.ones(len(loops), bool))
+    total, known = int(loops.sum()), int((~loops).sum())
+    trust = f"the {known} between consecutive ids of one robot are odometry and trusted"
+    if known == 0:
+        trust = "no edge joins consecutive ids of one robot, so none is trusted as odometry"
+    sentence = f"{int(found.rejected.sum())} of {total} loop closures are rejected ({why}); {trust}"
+    return replace(found, trusted=~loops, notes=[*found.notes, sentence])
 
 
 def covariances_of(factors: Any, poses: Floats, warnings: list[str]) -> Floats | None:

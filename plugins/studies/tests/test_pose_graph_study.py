@@ -192,6 +192,38 @@ def test_warnings_of_a_back_end_are_in_the_log():
     assert found["problems"] == 1
 
 
+@dataclass
+class Choosing(Lazy):
+    """Had two starts, and keeps the better one."""
+
+    def optimize(self, graph, covariances=False):
+        weights = np.ones(len(graph.edges))
+        loops = np.flatnonzero(is_loop(graph))[:3]
+        weights[loops] = [0, 0.4, 0.6][: len(loops)]
+        found = super().optimize(graph)
+        starts = {"chordal": 41.0, "given": 770.0}
+        return replace(found, weights=weights, trusted=~is_loop(graph), starts=starts, notes=["given is worse"])
+
+
+def test_the_start_its_gap_and_rejected_edges_are_in_metrics_table_log_and_summary():
+    log = Log()
+    report = ran(Choosing(), log, {"lazy": Lazy()})
+    found, table = metrics_of(report), report.tables["backends"]
+    steps = WALK.count - 1
+    assert table["start"] == ["chordal", ""]
+    assert table["start_gap"] == [729.0, ""]
+    assert table["cost_from_given"] == [770.0, ""]
+    assert table["rejected"] == [2, 0]
+    assert table["trusted"] == [steps, ""]
+    assert found["choosing_start_gap"] == 729
+    assert (found["choosing_cost_from_chordal"], found["choosing_cost_from_given"]) == (41, 770)
+    assert (found["choosing_rejected"], found["choosing_trusted"]) == (2, steps)
+    assert "lazy_start_gap" not in found
+    assert ("choosing: given is worse", "NOTE") in [(r.text, r.level) for path, r, _ in log.records if path == "log"]
+    assert "- choosing: given is worse" in report.summary
+    assert found["choosing_problems"] == 1  # a note is none
+
+
 def test_a_growing_map_grows_in_the_logs():
     log = Log()
     report = ran(Chaining(), log, show=8)

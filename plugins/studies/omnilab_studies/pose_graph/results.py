@@ -28,9 +28,21 @@ METRICS = (
     "scale",
     "iterations",
     "problems",
+    "start_gap",
+    "rejected",
+    "trusted",
 )  # which columns of the table are metrics, the most important first
-SHOWN = {"backend", "rms_to_clean_m", "ate_m", "chi2", "wrong_rejected", "time_s"}  # and which are in the viewer
-REJECTED = 0.5  # an edge of a smaller weight is rejected
+SHOWN = {
+    "backend",
+    "rms_to_clean_m",
+    "ate_m",
+    "chi2",
+    "start",
+    "start_gap",
+    "rejected",
+    "wrong_rejected",
+    "time_s",
+}  # and which are in the viewer
 
 
 class GraphTruth(NamedTuple):
@@ -42,8 +54,24 @@ class GraphTruth(NamedTuple):
     alignment: Alignment  # of an optimum with the true poses
 
 
-def row_of(name: str, graph: PoseGraph, optimized: Optimized, truth: GraphTruth, time_s: float) -> dict[str, Any]:
-    """The row of one back end in the table `backends`."""
+def rows_of(
+    graph: PoseGraph, optima: Mapping[str, Optimized], truth: GraphTruth, seconds: Mapping[str, float]
+) -> list[dict[str, Any]]:
+    """The table `backends`, row by row; `cost_from_START` is what each start led to, in columns that all rows have."""
+    starts = sorted({f"cost_from_{start}" for one in optima.values() for start in one.starts})
+    rows = [_row_of(name, graph, one, truth) for name, one in optima.items()]
+    return [
+        {**row, **{start: row.get(start, "") for start in starts}, "time_s": seconds[row["backend"]]} for row in rows
+    ]
+
+
+def _row_of(name: str, graph: PoseGraph, optimized: Optimized, truth: GraphTruth) -> dict[str, Any]:
+    """The row of one back end in the table `backends`.
+
+    `start_gap` is by how much more cost another start led to; it is empty where there was no choice, as `trusted` is where
+    a back end does not say which edges it could not reject.
+    """
+    costs = list(optimized.starts.values())
     return {
         "backend": name,
         "chi2_before": optimized.chi2_before,
@@ -51,14 +79,18 @@ def row_of(name: str, graph: PoseGraph, optimized: Optimized, truth: GraphTruth,
         **(_rejection_rates(graph, optimized, truth.wrong) if len(truth.wrong) else {}),
         "iterations": optimized.iterations,
         "problems": len(optimized.warnings),
+        "start": next(iter(optimized.starts), ""),
+        "start_gap": max(costs) - costs[0] if costs else "",
+        "rejected": int((optimized.rejected & is_loop(graph)).sum()),
+        "trusted": "" if optimized.trusted is None else int(optimized.trusted.sum()),
         **_errors(optimized.poses, truth),
-        "time_s": time_s,
+        **{f"cost_from_{start}": cost for start, cost in optimized.starts.items()},
     }
 
 
 def _rejection_rates(graph: PoseGraph, optimized: Optimized, wrong: Ints) -> dict[str, float]:
     """Shares of the wrong and of the true loop closures that were rejected."""
-    rejected = optimized.weights < REJECTED
+    rejected = optimized.rejected
     true = np.setdiff1d(np.flatnonzero(is_loop(graph)), wrong)
     return {
         "wrong_rejected": float(rejected[wrong].mean()),
@@ -84,15 +116,16 @@ def _errors(poses: Floats, truth: GraphTruth) -> dict[str, float]:
 
 
 def metrics_of(graph: PoseGraph, rows: Sequence[Mapping[str, Any]], wrong: Ints) -> list[Metric]:
-    """Every row's numbers but the time, under the back end's name where there are several."""
+    """Every row's numbers but the time, under the back end's name where there are several; not what a row leaves empty."""
     units = {"rms_to_clean_m": "m", "ate_m": "m", "rpe_metre_m": "m"}
     names = [name for name in METRICS if name in rows[0]]
+    names += [name for name in rows[0] if name.startswith("cost_from_")]
     metrics = [
         Metric(
             f"{row['backend']}_{name}".removesuffix("_m") if len(rows) > 1 else name.removesuffix("_m"),
             float(row[name]), units.get(name, "1"),
         )
-        for name in names for row in rows
+        for name in names for row in rows if row[name] != ""
     ]  # fmt: skip
     loops = int(is_loop(graph).sum()) - len(wrong)
     counts = {"poses": len(graph), "edges": len(graph.edges), "loops": loops, "wrong_loops": len(wrong)}
@@ -110,12 +143,15 @@ def edge_table(graph: PoseGraph, optima: Mapping[str, Optimized], wrong: Ints) -
     return table
 
 
-def summary_of(graph: PoseGraph, rows: Sequence[Mapping[str, Any]], wrong: Ints) -> str:
-    """Size of the graph and the most important columns as Markdown."""
+def summary_of(
+    graph: PoseGraph, rows: Sequence[Mapping[str, Any]], wrong: Ints, optima: Mapping[str, Optimized]
+) -> str:
+    """Size of the graph, the most important columns, and what the back ends say of their starts and of edges, as Markdown."""
     loops = int(is_loop(graph).sum())
     size = f"{len(graph)} poses, {len(graph.edges)} edges, {loops} of them loop closures, {len(wrong)} of these wrong"
     shown = {name: column for name, column in columns_of(rows).items() if name in SHOWN}
-    return "\n".join(["## Pose graph", "", size, "", markdown(shown)])
+    notes = [f"- {name}: {sentence}" for name, one in optima.items() for sentence in one.notes]
+    return "\n".join(["## Pose graph", "", size, "", markdown(shown), "", *notes])
 
 
 def files_of(graph: PoseGraph, poses: Mapping[str, Floats]) -> dict[str, str]:

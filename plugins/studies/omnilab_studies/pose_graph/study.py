@@ -39,7 +39,7 @@ from omnilab_studies.pose_graph.results import (
     edge_table,
     files_of,
     metrics_of,
-    row_of,
+    rows_of,
     summary_of,
 )
 from omnilab_studies.pose_graph.simulated_graphs import Walk, with_wrong_loops
@@ -160,11 +160,13 @@ def _show_graph(record: Recorder, graph: PoseGraph, truth: Floats | None, backen
 
 
 def _show_optimum(record: Recorder, name: str, graph: PoseGraph, optimized: Optimized, step: int) -> None:
-    """Log the graph before the optimisation at step 0, after it from `step` on, and the back end's warnings."""
+    """Log the graph before the optimisation at step 0, after it from `step` on, and what the back end says."""
     record.log(f"after/{name}", _drawn(graph, graph.poses), Tick(0, 0))
     record.log(f"after/{name}", _drawn(graph, optimized.poses), Tick(step, step * STEP_NS))
     for sentence in optimized.warnings:
         record.log("log", Text(f"{name}: {sentence}", "WARN"))
+    for sentence in optimized.notes:
+        record.log("log", Text(f"{name}: {sentence}", "NOTE"))
 
 
 def _drawn(graph: PoseGraph, poses: Floats) -> Graph:
@@ -189,7 +191,7 @@ def _report(
     graph: PoseGraph, truth: GraphTruth, optima: Mapping[str, Optimized],
     seconds: Mapping[str, float], growth: Mapping[str, Floats],
 ) -> Report:  # fmt: skip
-    rows = [row_of(name, graph, one, truth, seconds[name]) for name, one in optima.items()]
+    rows = rows_of(graph, optima, truth, seconds)
     poses = {name: one.poses for name, one in optima.items()}
     drawn: dict[str, Any] = {
         "graphs": figures.graphs(graph, {"before": graph.poses, **poses}, truth.poses, truth.wrong)
@@ -201,5 +203,5 @@ def _report(
         {"backends": columns_of(rows), "edges": edge_table(graph, optima, truth.wrong)},
         drawn,
         files=files_of(graph, poses if truth.poses is None else {"truth": truth.poses, **poses}),
-        summary=summary_of(graph, rows, truth.wrong),
+        summary=summary_of(graph, rows, truth.wrong, optima),
     )

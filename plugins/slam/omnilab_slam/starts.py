@@ -1,0 +1,95 @@
+"""Initial guesses of the poses of a graph, and the best of several."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from enum import Enum
+
+import numpy as np
+
+from omnilab.api import Floats, Optimized, PoseGraph
+from omnilab.errors import ConfigError, DataError
+from omnilab.posegraph.graph import chi2, dead_reckoning
+from omnilab_slam.chordal import chordal
+from omnilab_slam.factors import factors_of, poses_of
+from omnilab_slam.solvers import FAILURES, brief, check_start
+
+SAME_OPTIMUM = 1e-4  # relative difference of costs below which two starts led to one optimum: solvers stop before that
+
+
+class Start(Enum):
+    """Initial guess of the poses."""
+
+    best = "best"  # given and chordal: the one that ends at the lower cost; given where they end alike
+    given = "given"  # the graph's own; where a file has none, those of odometry
+    odometry = "odometry"  # motions chained from the first pose
+    lago = "lago"  # headings first, by a linear problem (Carlone et al., 2014); planar graphs
+    chordal = "chordal"  # rotations first, by a linear problem (Carlone et al., 2015)
+
+
+def from_start(
+    graph: PoseGraph, start: Start, optimize: Callable[[Floats], Optimized], cost: Callable[[Optimized], float]
+) -> Optimized:
+    """The optimum from a start, or from the best of several: the one with the lowest cost.
+
+    `optimize` takes the poses (N, k) to start from; chi2_before is that of the start, of several that of the given one.
+    """
+    if start is not Start.best:
+        poses = initial_poses(graph, start)
+        check_start(graph, poses)
+        return optimize(poses)
+    check_start(graph, graph.poses)
+    given = optimize(graph.poses)
+    if len(graph.edges) < len(graph):  # a tree: no motion contradicts another, and every start meets them all
+        return given
+    try:
+        other = chordal(graph)
+    except FAILURES:  # the linear problem is singular to rounding
+        return given
+    if not np.isfinite(other).all() or not np.isfinite(chi2(graph, other)):
+        return given
+    found = optimize(other)
+    costs = {Start.given.value: cost(given), Start.chordal.value: cost(found)}
+    return _better(given, found, costs)
+
+
+def _better(given: Optimized, found: Optimized, costs: dict[str, float]) -> Optimized:
+    """The optimum of the lower cost, the given start's where they are alike; with what each start led to."""
+    (own, before), (other, after) = costs.items()
+    if abs(before - after) <= SAME_OPTIMUM * max(before, after):
+        return replace(given, starts={own: before, other: before})
+    if before < after:
+        return replace(given, starts={own: before, other: after})
+    sentence = (
+        f"start={own} ends in a local minimum (cost {before:.6g}); start={other} leads to {after:.6g} and is kept"
+    )
+    return replace(
+        found, chi2_before=given.chi2_before, starts={other: after, own: before}, notes=[sentence, *found.notes]
+    )
+
+
+def initial_poses(graph: PoseGraph, start: Start) -> Floats:
+    """The initial guess, poses (N, k); DataError where a linear problem has no solution."""
+    if start is Start.given:
+        return graph.poses
+    if start is Start.odometry:
+        return dead_reckoning(graph)
+    if start is Start.lago and not graph.planar:
+        raise ConfigError("backend.start=lago is for planar graphs, and this one is spatial; give chordal")
+    try:
+        return _lago(graph) if start is Start.lago else chordal(graph)
+    except FAILURES as error:
+        raise DataError(f"{start.value} finds no start ({brief(error)}); give backend.start=odometry") from error
+
+
+def _lago(graph: PoseGraph) -> Floats:
+    """LAGO, linear approximation for graph optimisation (Carlone et al., 2014), on a copy with diagonal noise.
+
+    GTSAM's takes no other noise.
+    """
+    import gtsam
+
+    variances = np.diagonal(np.linalg.inv(graph.information), axis1=1, axis2=2)
+    noises = [gtsam.noiseModel.Diagonal.Variances(v) for v in variances]
+    return poses_of(gtsam.lago.initialize(factors_of(graph, noises)), planar=True)
