@@ -84,6 +84,7 @@ from omnilab.api.records import (
     ViewLayout,
 )
 from omnilab.api.results import Metric, Recorder, Report
+from omnilab.api.settings import check_settings, setting
 
 __all__ = [
     "KINDS",
@@ -157,7 +158,9 @@ __all__ = [
     "ViewFilter",
     "ViewLayout",
     "ViewMap",
+    "check_settings",
     "is_cached",
+    "setting",
 ]
 
 renamed.accept(Optimized, {"said": "warnings"})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, cast
 
@@ -12,8 +12,9 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from omnilab.api import KINDS
+from omnilab.api.settings import out_of_range
 from omnilab.errors import ConfigError, DataError
-from omnilab.runner.config import Run, components_of, logs_folder, structured
+from omnilab.runner.config import Run, Settings, components_of, logs_folder, structured
 from omnilab.runner.map_file import about_map, map_file
 from omnilab.runner.registry import DICTS, Registry, members
 
@@ -26,6 +27,8 @@ def build(config: DictConfig, registry: Registry) -> Run:
     if not OmegaConf.is_missing(config, "map") and config.map is not None:
         _fill_from_map(config, registry)
     try:
+        for path, settings in structured(config):
+            _refuse_out_of_range(settings, path)
         run = OmegaConf.to_object(config)
     except MissingMandatoryValue as error:
         key = str(error.full_key)
@@ -40,12 +43,6 @@ def build(config: DictConfig, registry: Registry) -> Run:
     for path, kind, value in components_of(vars(run)):
         _check_slot(path, kind, value, registry)
     logs_folder(run.logs)
-    if run.threads < 1:
-        raise ConfigError(f"threads={run.threads} cannot compute anything; give threads=1 or more")
-    if run.seed < 0:
-        raise ConfigError(f"seed={run.seed} starts no random numbers; give seed=0 or more")
-    if not run.cache_gb > 0:
-        raise ConfigError(f"cache_gb={run.cache_gb:g} holds nothing; give a number above 0, or cache=off")
     lacking = [slot for slot in run.study.needs if not _is_filled(getattr(run, slot))]
     if lacking:
         options = "; ".join(_way_to_fill(slot, registry) for slot in lacking)
@@ -105,6 +102,21 @@ def _refuse_unknown(config: DictConfig) -> None:
             raise ConfigError(
                 f"'{path}{unknown[0]}' is not a setting, so +{path}{unknown[0]} does nothing; leave it out"
             )
+
+
+def _refuse_out_of_range(settings: DictConfig, path: str) -> None:
+    """ConfigError if a number is not what its setting declares, before any component is made of it."""
+    cls = cast("type[Any]", OmegaConf.get_type(settings))
+    cls = Settings if cls is Run else cls  # its slots are checked one by one
+    values: dict[str, Any] = {}
+    for name in (f.name for f in fields(cls) if not OmegaConf.is_missing(settings, f.name)):
+        value = settings[name]
+        if isinstance(value, DictConfig) and is_dataclass(OmegaConf.get_type(value)):
+            _refuse_out_of_range(value, f"{path}{name}.")
+        else:
+            values[name] = OmegaConf.to_container(value) if OmegaConf.is_config(value) else value
+    if wrong := out_of_range(cls, values, path):
+        raise ConfigError(wrong)
 
 
 def _check_slot(path: str, kind: str, value: Any, registry: Registry) -> None:

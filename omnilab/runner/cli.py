@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import ast
 import inspect
 import re
 import sys
+import textwrap
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import Field, fields
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 from omnilab import hooks
 from omnilab.api import KINDS
@@ -170,12 +173,27 @@ def _print_manuals(names: Sequence[str], registry: Registry) -> None:
 
 
 def settings_of(cls: type) -> list[str]:
-    """The lines of a component's source that declare its settings, comments and all."""
-    wanted = {field.name for field in fields(cls)}
-    classes = [c for c in reversed(cls.__mro__) if "__dataclass_fields__" in vars(c)]
-    lines = (line.strip() for c in classes for line in inspect.getsource(c).splitlines())
-    declared = {found[1]: line for line in lines if (found := re.match(r"(\w+): ", line)) and found[1] in wanted}
-    return list(declared.values())
+    """A line for each of a component's settings: name, type and default, its range, the comment in its source."""
+    wanted = {field.name: field for field in fields(cls)}
+    lines: dict[str, str] = {}
+    for owner in (c for c in reversed(cls.__mro__) if "__dataclass_fields__" in vars(c)):
+        source = textwrap.dedent(inspect.getsource(owner))
+        for node in ast.parse(source).body[0].body:  # type: ignore[attr-defined]
+            if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) and node.target.id in wanted:
+                lines[node.target.id] = _setting_line(wanted[node.target.id], node, source.splitlines())
+    return list(lines.values())
+
+
+def _setting_line(field: Field[Any], node: ast.AnnAssign, source: Sequence[str]) -> str:
+    assert node.end_lineno is not None
+    value = node.value
+    if isinstance(value, ast.Call) and ast.unparse(value.func) == "setting" and value.args:
+        value = value.args[0]
+    declared = f"{field.name}: {ast.unparse(node.annotation)}" + (f" = {ast.unparse(value)}" if value else "")
+    comment = source[node.end_lineno - 1].encode()[node.end_col_offset :].decode().partition("#")[2].strip()
+    interval = field.metadata["range"].interval if "range" in field.metadata else ""
+    rest = "; ".join(part for part in (comment, interval) if part)
+    return f"{declared}  # {rest}" if rest else declared
 
 
 def runs(argv: list[str]) -> int:

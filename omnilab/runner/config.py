@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING, DictConfig, OmegaConf
 
-from omnilab.api import KINDS
+from omnilab.api import KINDS, setting
 from omnilab.errors import ConfigError
 from omnilab.runner.registry import DICTS, Registry
 
@@ -19,11 +19,13 @@ class Settings:
     """The settings of a run beside its components."""
 
     map: str | None = None  # a map that another run saved, or that run's folder; it brings its descriptor and distance
-    seed: int = 0
-    threads: int = 1  # of each matrix product: results are only the same bit for bit with the same number
+    seed: int = setting(0, at_least=0, at_most=2**63 - 1)
+    threads: int = setting(
+        1, at_least=1, at_most=256
+    )  # of each matrix product: results are only the same bit for bit with the same number
     logs: str = "logs"  # where run folders go
     cache: str | None = "cache"  # folder of descriptions, within `logs` unless absolute; off: describe everything anew
-    cache_gb: float = 4.0  # at most; then those go that were used longest ago
+    cache_gb: float = setting(4.0, above=0, at_most=1e6)  # at most; then those go that were used longest ago
 
 
 if TYPE_CHECKING:
@@ -42,7 +44,7 @@ else:
         [
             *((kind.name, Any, MISSING if kind.name == "study" else None) for kind in KINDS.values() if kind.slot),
             *((kind.plural, dict[str, Any], field(default_factory=dict)) for kind in KINDS.values() if kind.many),
-            *((setting.name, types[setting.name], field(default=setting.default)) for setting in own),
+            *((each.name, types[each.name], field(default=each.default, metadata=each.metadata)) for each in own),
         ],
         namespace={"__doc__": "The configuration of a run: its settings, and the slots and dictionaries of `KINDS`."},
     )

@@ -24,7 +24,7 @@ MAY_IMPORT = {
     "errors": set[str](),
     "file_kinds": set[str](),
     "renamed": set[str](),
-    "api": {"renamed"},
+    "api": {"errors", "renamed"},
     "geometry": {"api"},
     "hooks": {"api"},
     "metrics": {"api", "errors", "geometry"},

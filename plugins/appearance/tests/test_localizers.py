@@ -207,11 +207,11 @@ def test_a_map_without_places_or_positions_is_refused(localizer):
 
 
 def test_settings_that_make_no_sense_are_refused():
-    with pytest.raises(ConfigError, match="neighbours=1 leaves nothing"):
+    with pytest.raises(ConfigError, match="neighbours=1 is out of range; give a whole number of 2 or more"):
         Interpolated(1)
-    with pytest.raises(ConfigError, match="clusters=0 hold no places"):
+    with pytest.raises(ConfigError, match="clusters=0 is out of range; give a whole number of 1 or more, or null"):
         Hierarchical(clusters=0)
-    with pytest.raises(ConfigError, match="probes=0 searches nothing"):
+    with pytest.raises(ConfigError, match="probes=0 is out of range"):
         Hierarchical(probes=0)
     with pytest.raises(DataError, match="clusters=31 are more than the map's 30 places"):
         Hierarchical(clusters=31).prepare(_map(GRID_M), Apart())

@@ -83,7 +83,7 @@ def test_only_the_inscribed_circle_counts():
 
 
 def test_unusable_sizes_and_images_are_refused():
-    with pytest.raises(ConfigError, match="2 offsets"):
+    with pytest.raises(ConfigError, match="offsets=2 is out of range; give a whole number from 4"):
         Radon(offsets=2)
     with pytest.raises(DataError, match=r"\(2, 10, 12\)"):
         Radon().describe(np.zeros((2, 10, 12), np.uint8))

@@ -93,7 +93,7 @@ def test_solids_hold_what_lies_between_their_faces(x, y, z, turn, clearance):
         (GridPoses(step_m=-0.1), "step_m above 0"),
         (GridPoses(step_m=1.0, height_m=9.0), "none of the grid's 63 nodes is free at height 9 m"),
         (RandomPoses(10, seed=1, height_m=9.0), "less than 1 % .* is free"),
-        (RandomPoses(0, seed=1), "count of at least 1"),
+        (RandomPoses(0, seed=1), "count from 1 to 1000000"),
         (PathPoses(np.eye(4)), r"finite T_world_camera of shape \(N, 4, 4\)"),
         (PathPoses(np.full((2, 4, 4), np.nan)), "finite"),
         (PathPoses(planar_poses([0, -1, 1]) * [1, 1, -1, 1]), "rotations"),

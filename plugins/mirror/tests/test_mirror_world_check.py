@@ -192,7 +192,7 @@ def test_rooms_on_their_side_are_seen(write, extent):
 def test_up_and_scale_are_settings_of_mesh_files(write, small):
     with pytest.raises(ConfigError, match=r"up='x' is no axis"):
         Mirror(up="x")
-    with pytest.raises(ConfigError, match=r"scale=0 makes no metres"):
+    with pytest.raises(ConfigError, match=r"scale=0 is out of range"):
         Mirror(scale=0)
     world = write(small)
     with pytest.raises(ConfigError, match=r"up=y is of a mesh file .* 'up: y' in its entry"):

@@ -14,7 +14,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from omnilab.api import Bytes, Floats, Frames, Ints, Mesh, Plan, PoseRequest
+from omnilab.api import Bytes, Floats, Frames, Ints, Mesh, Plan, PoseRequest, check_settings, setting
 from omnilab.cameras import ImageCircle, RayCamera
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import poses, rotation_xyz
@@ -67,10 +67,12 @@ class Folder:
     positions: str | None = POSITIONS_FILE  # below the folder: a CSV, or a trajectory (.txt, .tum); null: none
     pattern: str = "**/*"  # which images below the folder belong to the recording
     names: str | None = None  # poses by names instead: a regular expression with named groups, or a preset's name
-    spacing_m: float | None = None  # with names: between columns and rows; null: the preset's
-    columns: int | None = None  # with names that only count: images in a row; null: the preset's
+    spacing_m: float | None = setting(None, above=0)  # with names: between columns and rows; null: the preset's
+    columns: int | None = setting(None, at_least=1)  # with names that only count: images in a row; null: the preset's
     lowest_m: float | None = None  # with names that count levels: height of the lowest; null: the preset's, or 0
-    height_step_m: float | None = None  # with names that count levels: between two; null: the preset's
+    height_step_m: float | None = setting(
+        None, above=0
+    )  # with names that count levels: between two; null: the preset's
     camera: str | None = None  # its calibration: a camera's JSON or calib_results.txt; null: camera.json, if there
     looks: str | None = None  # of a calib_results.txt: down (a mirror above the camera, or a lens; null), up or ahead
     circle_px: list[float] | None = None  # cx, cy, radius and, if need be, inner radius in the files; null: found
@@ -82,13 +84,10 @@ class Folder:
     color: bool = False  # RGB instead of grey
     depth: bool = False  # also the depth of a rendered data set: depth/NAME.npy for images/NAME.png
     on_bad_image: OnBadImage = OnBadImage.fail  # or skip
-    batch: int = 64  # images handed over at a time
+    batch: int = setting(64, at_least=1, at_most=4096)  # images handed over at a time
 
     def __post_init__(self) -> None:
-        if self.batch < 1:
-            raise ConfigError(f"batch={self.batch} is no number of images; give 1 or more")
-        if not math.isfinite(self.turned_deg):
-            raise ConfigError(f"turned_deg={self.turned_deg} is no angle; give degrees")
+        check_settings(self)
         if not self.pattern or Path(self.pattern).is_absolute() or ".." in Path(self.pattern).parts:
             raise ConfigError(f"pattern={self.pattern!r} does not stay below the folder; give one such as **/*.png")
         if self.circle_px is not None:
@@ -176,9 +175,9 @@ class Folder:
         }
         if self.names is not None:
             return naming(self.names, **given)
-        for setting, value in given.items():
+        for name, value in given.items():
             if value is not None:
-                raise ConfigError(f"{setting}={value} is of no use without names; give sensor.names, or leave it out")
+                raise ConfigError(f"{name}={value} is of no use without names; give sensor.names, or leave it out")
         return None
 
     @cached_property

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omnilab.api import Floats, Frames, Ints, Motion
-from omnilab.errors import ConfigError, DataError
+from omnilab.api import Floats, Frames, Ints, Motion, check_settings, setting
+from omnilab.errors import DataError
 from omnilab.geometry import planar_poses
 from omnilab.posegraph.graph import inverse, vectors
 from omnilab.trajectory import clocks
@@ -39,19 +39,17 @@ class Recorded:
     """
 
     file: str = "???"  # the poses: TUM's format, or a CSV
-    translation_noise: float = 0.05  # standard deviation of x and of y, as a share of the step
-    still_noise_m: float = 0.001  # and at least, of a step of no length
-    heading_noise_deg: float = 0.5  # standard deviation of the heading, however little the camera turns
-    turn_noise: float = 0.02  # and besides, as a share of the turn
+    translation_noise: float = setting(
+        0.05, at_least=0, at_most=1000
+    )  # standard deviation of x and of y, as a share of the step
+    still_noise_m: float = setting(0.001, at_least=1e-6, at_most=1e6)  # and at least, of a step of no length
+    heading_noise_deg: float = setting(
+        0.5, at_least=1e-6, at_most=1e6
+    )  # standard deviation of the heading, however little the camera turns
+    turn_noise: float = setting(0.02, at_least=0, at_most=1000)  # and besides, as a share of the turn
 
     def __post_init__(self) -> None:
-        shares, least = (self.translation_noise, self.turn_noise), (self.still_noise_m, self.heading_noise_deg)
-        if not (all(0 <= s < np.inf for s in shares) and all(0 < s < np.inf for s in least)):
-            raise ConfigError(
-                f"translation_noise={self.translation_noise:g}, turn_noise={self.turn_noise:g}, still_noise_m="
-                f"{self.still_noise_m:g}, heading_noise_deg={self.heading_noise_deg:g} are no noise; give shares from 0 and"
-                " the last two above 0"
-            )
+        check_settings(self)
 
     _met = False  # an image that the file covers
 

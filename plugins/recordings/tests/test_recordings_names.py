@@ -91,7 +91,7 @@ def test_a_pattern_of_ones_own_in_any_unit(x_cm, y_mm, yaw):
     ({"names": "x" * 290 + r"(?P<ix>\d+)_"}, r"has 302 characters; .* at most 300"),
     ({"names": r"(?P<ix>\d+)_"}, r"group ix, so spacing_m=None cannot be; give sensor\.spacing_m above 0"),
     ({"names": r"(?P<i>\d+)_", "spacing_m": 0.1}, r"group i, so columns=None"),
-    ({"names": "bielefeld", "spacing_m": -1.0}, r"spacing_m=-1\.0 cannot be"),
+    ({"names": "bielefeld", "spacing_m": -1.0}, r"spacing_m=-1 is out of range"),
     ({"names": "cold", "spacing_m": 1.0}, r"spacing_m=1\.0 is of no use: names='cold' has no ix or iy or i"),
     ({"columns": 8}, r"columns=8 is of no use without names"),
 ])  # fmt: skip

@@ -116,7 +116,7 @@ def test_a_file_out_of_order_is_reported(tmp_path):
 
 
 def test_settings_and_files_that_are_wrong_are_reported(tmp_path):
-    with pytest.raises(ConfigError, match="are no noise; give"):
+    with pytest.raises(ConfigError, match="heading_noise_deg=0 is out of range; give"):
         Recorded(heading_noise_deg=0)
     with pytest.raises(DataError, match="cannot be read"):
         Recorded(str(tmp_path / "none.tum")).extract(frames())

@@ -9,7 +9,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from omnilab.api import Floats, PlaceMap, Progress, Record, Series, Text, Tick, ViewLayout
+from omnilab.api import (
+    Floats,
+    PlaceMap,
+    Progress,
+    Record,
+    Series,
+    Text,
+    Tick,
+    ViewLayout,
+    check_settings,
+    setting,
+)
 from omnilab.errors import ConfigError, DataError
 from omnilab_rerun.ports import LOOPBACK, is_free
 
@@ -30,11 +41,10 @@ class RerunSink:
     """
 
     live: bool = False  # serve the run on loopback while it goes on; `rerun --connect` shows it
-    port: int = 9876  # of the live server
+    port: int = setting(9876, at_least=1, at_most=65_535)  # of the live server
 
     def __post_init__(self) -> None:
-        if not 0 < self.port < 65536:
-            raise ConfigError(f"port={self.port} is no port; give a number from 1 to 65535")
+        check_settings(self)
 
     def open(self, folder: Path) -> None:
         """Start `run.rrd`; OSError if it cannot be written, ConfigError if the live port is taken.

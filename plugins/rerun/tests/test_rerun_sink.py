@@ -143,7 +143,7 @@ def test_a_taken_port_is_refused(tmp_path):
 
 @pytest.mark.parametrize("port", [0, 65536, -1])
 def test_a_number_that_is_no_port_is_refused(port):
-    with pytest.raises(ConfigError, match="is no port"):
+    with pytest.raises(ConfigError, match=f"port={port} is out of range; give a whole number from 1 to 65535"):
         RerunSink(port=port)
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from omnilab.api import Floats, Optimized, PoseGraph
+from omnilab.api import Floats, Optimized, PoseGraph, check_settings, setting
 from omnilab.posegraph.graph import check_graph, edge_chi2, is_loop
-from omnilab_slam.factors import check_at_least, factors_of, noise_of, robust, values_of
-from omnilab_slam.kernels import REDESCENDING, Kernel, check_width, costs, weights
+from omnilab_slam.factors import factors_of, noise_of, robust, values_of
+from omnilab_slam.kernels import REDESCENDING, Kernel, costs, weights
 from omnilab_slam.solvers import levenberg_marquardt, refined, with_covariances, with_trust
 from omnilab_slam.starts import Start, from_start
 
@@ -22,14 +22,12 @@ class GtsamBatch:
 
     start: Start = Start.best  # best, given, odometry, lago or chordal
     kernel: Kernel = Kernel.none  # none, huber, cauchy, geman_mcclure, welsch, tukey or dcs
-    kernel_width: float | None = None  # in standard deviations; null: the kernel's usual one
-    max_iterations: int = 200  # of each solution
-    tolerance: float = 1e-5  # relative decrease of the error at which it stops
+    kernel_width: float | None = setting(None, above=0)  # in standard deviations; null: the kernel's usual one
+    max_iterations: int = setting(200, at_least=1)  # of each solution
+    tolerance: float = setting(1e-5, at_least=0)  # relative decrease of the error at which it stops
 
     def __post_init__(self) -> None:
-        check_width(self.kernel_width)
-        check_at_least("max_iterations", self.max_iterations, 1)
-        check_at_least("tolerance", self.tolerance, 0)
+        check_settings(self, "backend.")
 
     def optimize(self, graph: PoseGraph, covariances: bool = False) -> Optimized:
         """Initial guess, Levenberg-Marquardt (twice with a redescending kernel), the last Gauss-Newton steps."""

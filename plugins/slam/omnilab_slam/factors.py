@@ -14,19 +14,12 @@ from typing import Any
 import numpy as np
 
 from omnilab.api import Floats, PoseGraph
-from omnilab.errors import ConfigError
 from omnilab.posegraph.graph import matrices, vectors
 from omnilab_slam.kernels import Kernel, estimator
 
 ANCHOR_SIGMA = 1e-4  # m and rad, of the first pose: it costs nothing at the optimum
 ROTATION_FIRST = [3, 4, 5, 0, 1, 2]
 Noise = Any  # gtsam.noiseModel.Base
-
-
-def check_at_least(name: str, value: float, least: float, kind: str = "backend") -> None:
-    """ConfigError for a setting that is too small."""
-    if not value >= least:
-        raise ConfigError(f"{kind}.{name}={value} is below {least}; give {least} or more")
 
 
 def pose_of(vector: Floats) -> Any:

@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from omnilab.api import Bools, Floats, Optimized, PoseGraph
-from omnilab.errors import ConfigError
+from omnilab.api import Bools, Floats, Optimized, PoseGraph, check_settings, setting
 from omnilab.posegraph.graph import check_graph, edge_chi2, is_loop
-from omnilab_slam.factors import check_at_least, factors_of, noise_of, poses_of, values_of
+from omnilab_slam.factors import factors_of, noise_of, poses_of, values_of
 from omnilab_slam.solvers import guarded, parameters, refined, with_covariances, with_trust
 from omnilab_slam.starts import Start, from_start
 
@@ -24,15 +23,12 @@ class GtsamGnc:
     """
 
     start: Start = Start.best  # best, given, odometry, lago or chordal
-    probability: float = 0.99  # of sound loop closures to be kept
-    max_iterations: int = 100  # of Levenberg-Marquardt within each round
-    tolerance: float = 1e-5  # relative decrease of the error at which a round stops
+    probability: float = setting(0.99, above=0, below=1)  # of sound loop closures to be kept
+    max_iterations: int = setting(100, at_least=1)  # of Levenberg-Marquardt within each round
+    tolerance: float = setting(1e-5, at_least=0)  # relative decrease of the error at which a round stops
 
     def __post_init__(self) -> None:
-        if not 0 < self.probability < 1:
-            raise ConfigError(f"backend.probability={self.probability} is none; give a number between 0 and 1")
-        check_at_least("max_iterations", self.max_iterations, 1)
-        check_at_least("tolerance", self.tolerance, 0)
+        check_settings(self, "backend.")
 
     def optimize(self, graph: PoseGraph, covariances: bool = False) -> Optimized:
         """GNC until every loop closure is kept or rejected, then the last Gauss-Newton steps."""

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from omnilab.api import Floats, Ints, Optimized, PoseGraph
+from omnilab.api import Floats, Ints, Optimized, PoseGraph, check_settings, setting
 from omnilab.posegraph.graph import arrivals, check_graph, chi2, edge_chi2, inverse, is_loop, matrices, moved, vectors
 from omnilab_slam.factors import (
     anchor,
-    check_at_least,
     factor_of,
     factors_of,
     noise_of,
@@ -20,7 +19,7 @@ from omnilab_slam.factors import (
     robust,
     vector_of,
 )
-from omnilab_slam.kernels import Kernel, check_width, weights
+from omnilab_slam.kernels import Kernel, weights
 from omnilab_slam.solvers import FAILURES, brief, check_start, covariances_of, empty_tree
 
 LOOSE_SIGMA = 1.0  # m and rad: the tie of a pose whose update failed
@@ -35,17 +34,16 @@ class GtsamIsam2:
     from the start and right ones after a drift.
     """
 
-    relinearize_threshold: float = 0.1  # m and rad that a pose may move before its edges are linearised anew
-    relinearize_every: int = 10  # updates
-    settle: int = 5  # updates without new poses at the end
+    relinearize_threshold: float = setting(
+        0.1, at_least=0
+    )  # m and rad that a pose may move before its edges are linearised anew
+    relinearize_every: int = setting(10, at_least=1)  # updates
+    settle: int = setting(5, at_least=0, at_most=10_000)  # updates without new poses at the end
     kernel: Kernel = Kernel.none  # none, huber, cauchy, geman_mcclure, welsch, tukey or dcs
-    kernel_width: float | None = None  # in standard deviations; null: the kernel's usual one
+    kernel_width: float | None = setting(None, above=0)  # in standard deviations; null: the kernel's usual one
 
     def __post_init__(self) -> None:
-        check_width(self.kernel_width)
-        check_at_least("relinearize_threshold", self.relinearize_threshold, 0)
-        check_at_least("relinearize_every", self.relinearize_every, 1)
-        check_at_least("settle", self.settle, 0)
+        check_settings(self, "backend.")
 
     def begin(self, first_pose: Floats) -> Isam2Graph:
         """An incremental graph of one pose (k,), which stays."""

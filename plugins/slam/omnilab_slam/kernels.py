@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from omnilab.api import Floats
-from omnilab.errors import ConfigError
 
 
 class Kernel(Enum):
@@ -32,12 +31,6 @@ NAMES = {
     Kernel.dcs: ("DCS", 3.0),
 }  # and the width in standard deviations: 95 % efficiency (Zhang, 1997) where that is known
 REDESCENDING = {Kernel.geman_mcclure, Kernel.welsch, Kernel.tukey, Kernel.dcs}
-
-
-def check_width(width: float | None) -> None:
-    """ConfigError for a width that no kernel has."""
-    if width is not None and not 0 < width < np.inf:
-        raise ConfigError(f"backend.kernel_width={width} is no width; give standard deviations above 0, or null")
 
 
 def estimator(kernel: Kernel, width: float | None) -> Any:

@@ -8,10 +8,10 @@ from warnings import warn
 
 import numpy as np
 
-from omnilab.api import Bools, Floats, Ints
+from omnilab.api import Bools, Floats, Ints, setting
 from omnilab.geometry import wrap_angle
 from omnilab.posegraph.graph import moved
-from omnilab_slam.factors import check_at_least, factor_of, pose_of, poses_of, vector_of
+from omnilab_slam.factors import factor_of, pose_of, poses_of, vector_of
 from omnilab_slam.solvers import FAILURES, brief, empty_tree, levenberg_marquardt
 from omnilab_slam.view_factor import noise_of_covariance, view_factor
 from omnilab_slam.view_model import (
@@ -40,17 +40,13 @@ class ViewGraph(Gate):
     predicts, and poses are kept `nearest_m` from the views that they observe.
     """
 
-    surprise: float = (
-        9.0  # squared Mahalanobis distance of an observation after its update that has the whole graph solved
-    )
-    relinearize_threshold: float = 0.1  # m and rad that a pose may move before its factors are linearised anew
-    relinearize_every: int = 10  # updates; a step has one for its motion and one for what it sees
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_at_least("surprise", self.surprise, 0, "view_filter")
-        check_at_least("relinearize_threshold", self.relinearize_threshold, 0, "view_filter")
-        check_at_least("relinearize_every", self.relinearize_every, 1, "view_filter")
+    surprise: float = setting(
+        9.0, at_least=0
+    )  # squared Mahalanobis distance of an observation after its update that has the whole graph solved
+    relinearize_threshold: float = setting(
+        0.1, at_least=0
+    )  # m and rad that a pose may move before its factors are linearised anew
+    relinearize_every: int = setting(10, at_least=1)  # updates; a step has one for its motion and one for what it sees
 
     def begin(self, pose: Floats, covariance: Floats) -> GraphMap:
         """A map without views, the robot being at a pose (3,) with covariance (3, 3)."""

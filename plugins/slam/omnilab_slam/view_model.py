@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omnilab.api import Bools, Floats, Ints
-from omnilab.errors import ConfigError, DataError
+from omnilab.api import Bools, Floats, Ints, check_settings, setting
+from omnilab.errors import DataError
 
 SLACK = 1e-9  # of the largest eigenvalue: rounding may make one that is zero as negative as that
 
@@ -17,16 +17,11 @@ SLACK = 1e-9  # of the largest eigenvalue: rounding may make one that is zero as
 class Gate:
     """Gating of observations, settings that view filters share."""
 
-    gate_probability: float = 0.999  # of sound observations to be believed; 1: all are
-    nearest_m: float = 0.2  # views are observed from no nearer: those that seem to be are left out
+    gate_probability: float = setting(0.999, above=0, at_most=1)  # of sound observations to be believed; 1: all are
+    nearest_m: float = setting(0.2, above=0)  # views are observed from no nearer: those that seem to be are left out
 
     def __post_init__(self) -> None:
-        if not 0 < self.gate_probability <= 1:
-            raise ConfigError(
-                f"view_filter.gate_probability={self.gate_probability} is none; give a number above 0, at most 1"
-            )
-        if not self.nearest_m > 0:
-            raise ConfigError(f"view_filter.nearest_m={self.nearest_m} is no distance; give metres above 0")
+        check_settings(self, "view_filter.")
 
     @property
     def gate(self) -> float:

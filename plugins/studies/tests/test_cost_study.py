@@ -79,8 +79,8 @@ def test_it_keeps_the_contract_of_studies(parts):
     ("settings", "words"),
     [
         ({"every": 2}, "give one of them"),
-        ({"step_m": -1.0}, "step_m=-1.0"),
-        ({"step_m": None, "every": 1}, "every=1 leaves no queries"),
+        ({"step_m": -1.0}, "step_m=-1 "),
+        ({"step_m": None, "every": 1}, "every=1 is out of range; give a whole number of 2 or more"),
         ({"query_count": 0}, "query_count=0"),
         ({"repeats": 0}, "repeats=0"),
         ({"extent_m": [1.0, -1.0]}, "extent_m="),

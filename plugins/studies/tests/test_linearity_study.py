@@ -190,7 +190,7 @@ def test_disturbances_have_nothing_to_disturb(parts):
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"step_m": 0.0}, "step_m=0.0"),
+        ({"step_m": 0.0}, "step_m=0 "),
         ({"step_m": 1.0}, "at least 3 steps"),
         ({"references": 0}, "references=0"),
         ({"every": 0}, "every=0"),

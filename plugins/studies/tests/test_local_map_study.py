@@ -173,12 +173,12 @@ def test_places_on_one_line_are_in_the_table(parts, plain):
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"neighbours": [9, 2]}, "2 places span no plane"),
-        ({"neighbours": []}, "without a value"),
-        ({"steps_m": [0.2, 0]}, "makes no grid"),
+        ({"neighbours": [9, 2]}, "holds 2, which is out of range; give 1 or more whole numbers of 3 or more"),
+        ({"neighbours": []}, "holds 0 numbers"),
+        ({"steps_m": [0.2, 0]}, "holds 0, which is out of range"),
         ({"query_count": 0}, "study.query_count=0"),
         ({"starts": 0}, "study.starts=0"),
-        ({"extent_m": [1]}, "is no area"),
+        ({"extent_m": [1]}, "holds 1 number; give 2 numbers above 0"),
     ],
 )
 def test_settings_that_make_no_map_are_refused(settings, words):

@@ -183,11 +183,11 @@ def test_a_line_of_images_is_refused(parts, plain):
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"nodes": [22]}, "are no grid"),
-        ({"nodes": [22, 1]}, "are no grid"),
-        ({"links": [-1]}, "-1 link nothing"),
-        ({"links": []}, "without a value"),
-        ({"center_m": [0, float("nan")]}, "is no position"),
+        ({"nodes": [22]}, "holds 1 number; give 2 whole numbers of 2 or more"),
+        ({"nodes": [22, 1]}, "holds 1, which is out of range"),
+        ({"links": [-1]}, "holds -1, which is out of range"),
+        ({"links": []}, "holds 0 numbers"),
+        ({"center_m": [0, float("nan")]}, "holds nan, which is not a number; give 2 finite numbers"),
         ({"show": -1}, "study.show=-1"),
     ],
 )

@@ -276,10 +276,10 @@ def test_a_backend_that_takes_no_poses_as_they_come_is_refused(run):
     ("wrong", "message"),
     [
         ({"images": Source.grid}, "makes no trajectory"),
-        ({"jitter": 0.5}, "change the order"),
-        ({"gap": 1.0}, "usual steps"),
-        ({"same_place_m": 0.0}, "metres above 0"),
-        ({"show": 0}, "shows nothing"),
+        ({"jitter": 0.5}, "of 0 or more and below 0.5"),
+        ({"gap": 1.0}, "gap=1 is out of range; give a number above 1"),
+        ({"same_place_m": 0.0}, "same_place_m=0 is out of range"),
+        ({"show": 0}, "show=0 is out of range"),
     ],
 )
 def test_settings_that_mean_nothing_are_refused(wrong, message):

@@ -100,7 +100,7 @@ def test_it_keeps_the_contract():
         ({"poses": [[1, 2, 3, 4, 5, "x"]]}, "'x'"),
         ({"poses": [[1, 2, 3, 4, 5, float("nan")]]}, "nan"),
         ({"poses": [7]}, "7"),
-        ({"cloud_points": 0}, "cloud_points=0 shows nothing"),
+        ({"cloud_points": 0}, "cloud_points=0 is out of range"),
     ],
 )
 def test_bad_settings(settings, words):

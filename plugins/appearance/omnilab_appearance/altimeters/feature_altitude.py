@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnilab.api import Bytes, Camera, Floats, Heights, Signatures
-from omnilab.errors import ConfigError
+from omnilab.api import Bytes, Camera, Floats, Heights, Signatures, check_settings, setting
 from omnilab.geometry import wrap_angle
 from omnilab.image import view_of
 from omnilab_appearance.common.image_pairs import check_pairs
@@ -28,15 +27,13 @@ class FeatureAltitude:
     """
 
     detector: Detector = Detector.surf  # as printed; or sift
-    features: int = 300  # at most so many of each image
-    ratio: float = 0.8  # of Lowe's test
-    tolerance_deg: float = 3.0  # between rotations of inliers
+    features: int = setting(300, at_least=1, at_most=10_000)  # at most so many of each image
+    ratio: float = setting(0.8, above=0, at_most=1)  # of Lowe's test
+    tolerance_deg: float = setting(3.0, above=0, at_most=180)  # between rotations of inliers
 
     def __post_init__(self) -> None:
-        Features(self.ratio)  # checks it
+        check_settings(self)
         _ = self._descriptor
-        if not 0 < self.tolerance_deg <= 180:
-            raise ConfigError(f"tolerance_deg={self.tolerance_deg:g} is none; give degrees above 0 and up to 180")
 
     def relative(self, references: Bytes, tests: Bytes, camera: Camera) -> Heights:
         """Heights in pixels towards the image's centre."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omnilab.api import Bytes, Camera, Floats, Heights
+from omnilab.api import Bytes, Camera, Floats, Heights, check_settings, setting
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import wrap_angle
 from omnilab_appearance.altimeters.elevations import COLUMNS, Rows, rows_of
@@ -56,28 +56,24 @@ class FloorAndWalls:
     `highest_deg`); beyond 0.08 to 24 times the reference's height the estimate is the nearest of these.
     """
 
-    scale_m: float | None = None  # metres per unit; null: heights are in units of the reference's height
-    rows: int = 105  # of one elevation each
-    lowest_deg: float = -80.0  # elevation of the lowest row
-    highest_deg: float = 15.0  # elevation of the highest row
-    frequencies: int = 24  # along the azimuth
-    horizon: float = 0.27  # of a camera without calibration: share of its ring up to the horizon (an Eizoh Wide 70's)
+    scale_m: float | None = setting(
+        None, above=0
+    )  # metres per unit; null: heights are in units of the reference's height
+    rows: int = setting(105, at_least=16, at_most=8192)  # of one elevation each
+    lowest_deg: float = setting(-80.0, above=-90, below=0)  # elevation of the lowest row
+    highest_deg: float = setting(15.0, above=-90, below=90)  # elevation of the highest row
+    frequencies: int = setting(24, at_least=1, at_most=SHIFTS // 2)  # along the azimuth
+    horizon: float = setting(
+        0.27, above=0, at_most=1
+    )  # of a camera without calibration: share of its ring up to the horizon (an Eizoh Wide 70's)
 
     def __post_init__(self) -> None:
-        if self.scale_m is not None and not 0 < self.scale_m < np.inf:
-            raise ConfigError(f"scale_m={self.scale_m} makes no metres; give a number above 0, or null")
+        check_settings(self)
         if not -90 < self.lowest_deg < min(self.highest_deg, 0) or not self.highest_deg < 90:
             raise ConfigError(
                 f"rows from {self.lowest_deg:g} to {self.highest_deg:g} degrees see no floor and its surroundings;"
                 " give lowest_deg between -90 and 0, and highest_deg between that and 90"
             )
-        if self.rows < 16 or not 0 < self.frequencies <= SHIFTS // 2:
-            raise ConfigError(
-                f"{self.rows} rows with {self.frequencies} frequencies describe nothing; give 16 rows or more,"
-                f" and 1 to {SHIFTS // 2} frequencies"
-            )
-        if not 0 < self.horizon <= 1:
-            raise ConfigError(f"horizon={self.horizon:g} is no share of the image's ring; give a number up to 1")
 
     def relative(self, references: Bytes, tests: Bytes, camera: Camera) -> Heights:
         """Rises in units of the reference's height above the floor, or in metres with `scale_m`."""

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnilab.api import Bytes, Camera, Floats, Heights, Signatures
-from omnilab.errors import ConfigError
+from omnilab.api import Bytes, Camera, Floats, Heights, Signatures, check_settings, setting
 from omnilab.image import view_of
 from omnilab_appearance.common.image_pairs import check_pairs
 from omnilab_appearance.descriptors.radon import Radon
@@ -30,14 +29,14 @@ class RadonCompression:
     above the horizon: the ceiling expands as the floor contracts.
     """
 
-    offsets: int = 250  # samples across the image circle, the transform's N
-    angles: int = 180  # samples over 360 degrees, its M
-    most: float = 0.2  # share of the offsets that the strongest compression takes off at either end
+    offsets: int = setting(250, at_least=4, at_most=4096)  # samples across the image circle, the transform's N
+    angles: int = setting(180, at_least=4, at_most=4096)  # samples over 360 degrees, its M
+    most: float = setting(
+        0.2, above=0, below=0.5
+    )  # share of the offsets that the strongest compression takes off at either end
 
     def __post_init__(self) -> None:
-        Radon(self.offsets, self.angles)  # checks these
-        if not 0 < self.most < 0.5:
-            raise ConfigError(f"most={self.most:g} leaves no offsets to compare; give a share above 0 and below 0.5")
+        check_settings(self)
 
     def relative(self, references: Bytes, tests: Bytes, camera: Camera) -> Heights:
         """Compressions in samples of the offset axis."""

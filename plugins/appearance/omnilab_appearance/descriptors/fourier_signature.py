@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from omnilab.api import Bytes, Signatures
-from omnilab.errors import ConfigError, DataError
+from omnilab.api import Bytes, Signatures, check_settings, setting
+from omnilab.errors import DataError
 from omnilab_appearance.common.image_ops import channels_of, side_by_side, with_rows
 
 
@@ -21,9 +21,9 @@ class FourierSignature:
     rotation shifts these, so one correlation over all of them gives it.
     """
 
-    rows: int = 64  # the panorama is averaged to so many
-    magnitudes: int = 16  # k1, columns of `place`
-    phases: int = 16  # k2, columns of `heading`
+    rows: int = setting(64, at_least=1, at_most=8192)  # the panorama is averaged to so many
+    magnitudes: int = setting(16, at_least=1, at_most=4096)  # k1, columns of `place`
+    phases: int = setting(16, at_least=1, at_most=4096)  # k2, columns of `heading`
     color: bool = False  # each channel of RGB for itself
 
     view: ClassVar[str] = "panorama"
@@ -31,10 +31,7 @@ class FourierSignature:
     default_distance: ClassVar[str] = "cityblock"
 
     def __post_init__(self) -> None:
-        if min(self.rows, self.magnitudes, self.phases) < 1:
-            raise ConfigError(
-                f"rows={self.rows}, magnitudes={self.magnitudes}, phases={self.phases} leave nothing; give 1 or more of each"
-            )
+        check_settings(self)
 
     def describe(self, images: Bytes) -> Signatures:
         """Magnitudes (N, rows, k1) and headings (N, rows, 4 k2) of panoramas (N, H, W[, 3])."""

@@ -7,8 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from omnilab.api import Bytes, Floats, Signatures
-from omnilab.errors import ConfigError
+from omnilab.api import Bytes, Floats, Signatures, check_settings, setting
 from omnilab_appearance.common.gabor import energies, halved
 from omnilab_appearance.common.image_ops import bands, channels_of, columns_around, side_by_side, with_rows
 
@@ -22,12 +21,16 @@ class Gist:
     rotation shifts their last axis.
     """
 
-    orientations: int = 16  # m, evenly over 180 degrees
-    blocks: int = 16  # k6, horizontal ones, for the place
-    width: int = 32  # l2, columns of a vertical block, for the heading
-    spacing: int = 8  # d2, columns from one vertical block to the next
-    frequency: float = 0.2  # of the filters, in cycles per pixel
-    rows: int = 64  # the panorama is averaged to so many
+    orientations: int = setting(16, at_least=1, at_most=1024)  # m, evenly over 180 degrees
+    blocks: int = setting(16, at_least=1, at_most=4096)  # k6, horizontal ones, for the place
+    width: int = setting(
+        32, at_least=2, at_most=8192, multiple_of=2
+    )  # l2, columns of a vertical block, for the heading
+    spacing: int = setting(
+        8, at_least=2, at_most=8192, multiple_of=2
+    )  # d2, columns from one vertical block to the next
+    frequency: float = setting(0.2, at_least=0.01, at_most=0.5)  # of the filters, in cycles per pixel
+    rows: int = setting(64, at_least=2, at_most=8192)  # the panorama is averaged to so many
     color: bool = False  # each channel of RGB for itself
 
     view: ClassVar[str] = "panorama"
@@ -35,11 +38,7 @@ class Gist:
     default_distance: ClassVar[str] = "pearson"
 
     def __post_init__(self) -> None:
-        check_filters(self.orientations, self.blocks, self.frequency)
-        if min(self.width, self.spacing, self.rows) < 2 or self.spacing % 2 or self.width % 2:
-            raise ConfigError(
-                f"width={self.width}, spacing={self.spacing}, rows={self.rows} cannot be halved; give even numbers from 2"
-            )
+        check_settings(self)
 
     def describe(self, images: Bytes) -> Signatures:
         """Signatures of panoramas (N, H, W[, 3])."""
@@ -58,11 +57,3 @@ def block_means(found: Floats, blocks: int) -> Floats:
     """Means (N, M, blocks) over the horizontal blocks of responses (N, M, H, W)."""
     rows = found.mean(axis=3, dtype=np.float64)
     return np.stack([rows[:, :, band].mean(axis=2) for band in bands(blocks, found.shape[2])], -1).astype(np.float32)
-
-
-def check_filters(orientations: int, blocks: int, frequency: float) -> None:
-    """ConfigError unless filters and blocks describe something."""
-    if min(orientations, blocks) < 1:
-        raise ConfigError(f"orientations={orientations}, blocks={blocks} describe nothing; give 1 or more of each")
-    if not 0.01 <= frequency <= 0.5:
-        raise ConfigError(f"frequency={frequency:g} is not that of a picture; give 0.01 to 0.5 cycles per pixel")

@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from omnilab.api import Bytes, Floats, Signatures
-from omnilab.errors import ConfigError, DataError
+from omnilab.api import Bytes, Floats, Signatures, check_settings, setting
+from omnilab.errors import DataError
 from omnilab_appearance.common.image_ops import bands, channels_of, columns_around, side_by_side, with_rows
 
 
@@ -21,11 +21,11 @@ class Hog:
     are grey levels per pixel, averaged over the cell; directions count modulo 180 degrees, each to its bin alone.
     """
 
-    cells: int = 16  # k4, horizontal ones, for the place
-    bins: int = 8  # b, of each histogram, over 180 degrees
-    width: int = 32  # l1, columns of a vertical cell, for the heading
-    spacing: int = 8  # d1, columns from one vertical cell to the next
-    rows: int = 128  # the panorama is averaged to so many
+    cells: int = setting(16, at_least=1, at_most=4096)  # k4, horizontal ones, for the place
+    bins: int = setting(8, at_least=1, at_most=1024)  # b, of each histogram, over 180 degrees
+    width: int = setting(32, at_least=1, at_most=8192)  # l1, columns of a vertical cell, for the heading
+    spacing: int = setting(8, at_least=1, at_most=8192)  # d1, columns from one vertical cell to the next
+    rows: int = setting(128, at_least=3, at_most=8192)  # the panorama is averaged to so many
     color: bool = False  # each channel of RGB for itself
 
     view: ClassVar[str] = "panorama"
@@ -33,11 +33,7 @@ class Hog:
     default_distance: ClassVar[str] = "pearson"
 
     def __post_init__(self) -> None:
-        if min(self.cells, self.bins, self.width, self.spacing) < 1 or self.rows < 3:
-            raise ConfigError(
-                f"cells={self.cells}, bins={self.bins}, width={self.width}, spacing={self.spacing}, rows={self.rows} hold no"
-                " histogram; give 1 or more of each, and 3 rows"
-            )
+        check_settings(self)
 
     def describe(self, images: Bytes) -> Signatures:
         """Signatures of panoramas (N, H, W[, 3])."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from omnilab.api import Bytes, Floats, Signatures
+from omnilab.api import Bytes, Floats, Signatures, check_settings, setting
 from omnilab.errors import ConfigError, DataError
 from omnilab.image import to_color
 
@@ -35,13 +35,11 @@ class Onnx:
     """
 
     model: str = "???"  # the ONNX file
-    height: int = 128  # of the network's input
-    width: int = 512  # of the network's input
+    height: int = setting(128, at_least=1, at_most=8192)  # of the network's input
+    width: int = setting(512, at_least=1, at_most=8192)  # of the network's input
     order: Order = Order.rgb  # rgb, bgr or gray
-    mean: list[float] = field(
-        default_factory=lambda: [0.485, 0.456, 0.406]
-    )  # of each channel, of grey levels in [0, 1]
-    std: list[float] = field(default_factory=lambda: [0.229, 0.224, 0.225])  # of each channel
+    mean: list[float] = setting([0.485, 0.456, 0.406])  # of each channel, of grey levels in [0, 1]
+    std: list[float] = setting([0.229, 0.224, 0.225], above=0)  # of each channel
     output: str | None = None  # the name of the output; null: the last
     normalize: bool = True  # to unit length
 
@@ -50,13 +48,12 @@ class Onnx:
     default_distance: ClassVar[str] = "cosine"
 
     def __post_init__(self) -> None:
+        check_settings(self)
         channels = 1 if self.order is Order.gray else 3
         if len(self.mean) != channels or len(self.std) != channels or min(self.std) <= 0:
             raise ConfigError(
                 f"mean={self.mean}, std={self.std} do not fit {channels} channel(s); give {channels} of each, std above 0"
             )
-        if min(self.height, self.width) < 1:
-            raise ConfigError(f"an input of {self.height} x {self.width} pixels is none; give the network's own size")
 
     @property
     def color(self) -> bool:

@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from omnilab.api import Bytes, Floats, Signatures
-from omnilab.errors import ConfigError, DataError
+from omnilab.api import Bytes, Floats, Signatures, check_settings, setting
+from omnilab.errors import DataError
 from omnilab_appearance.common.image_ops import channels_of, side_by_side
 
 BLOCK = 32  # images interleaved in the kernel: their pixels share a cache line
@@ -25,8 +25,8 @@ class Radon:
     whole samples. Since R(d, phi + pi) = R(-d, phi), an even number of angles costs half as many directions.
     """
 
-    offsets: int = 173  # samples across the image circle
-    angles: int = 180  # samples over 360 degrees
+    offsets: int = setting(173, at_least=4, at_most=4096)  # samples across the image circle
+    angles: int = setting(180, at_least=4, at_most=4096)  # samples over 360 degrees
     color: bool = False  # each channel of RGB for itself, (N, 3 offsets, angles)
 
     view: ClassVar[str] = "mirror"
@@ -34,10 +34,7 @@ class Radon:
     default_distance: ClassVar[str] = "poc_band"
 
     def __post_init__(self) -> None:
-        if self.offsets < 4 or self.angles < 4:
-            raise ConfigError(
-                f"a Radon transform of {self.offsets} offsets x {self.angles} angles holds nothing; give at least 4 x 4"
-            )
+        check_settings(self)
 
     def describe(self, images: Bytes) -> Signatures:
         """Radon transforms (N, offsets, angles) float32 of square mirror images (N, S, S[, 3])."""

@@ -7,11 +7,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from omnilab.api import Bytes, Signatures
+from omnilab.api import Bytes, Signatures, check_settings, setting
 from omnilab.errors import ConfigError
 from omnilab_appearance.common.gabor import energies, halved
 from omnilab_appearance.common.image_ops import channels_of, side_by_side
-from omnilab_appearance.descriptors.gist import block_means, check_filters
+from omnilab_appearance.descriptors.gist import block_means
 from omnilab_appearance.descriptors.radon import Radon
 
 
@@ -23,12 +23,12 @@ class RadonGist:
     bands of offsets over all angles: (N, levels, orientations, blocks), invariant under rotation.
     """
 
-    blocks: int = 16  # b, bands of offsets
-    orientations: int = 4  # of the Gabor filters, evenly over 180 degrees
-    levels: int = 2  # n, of the Gaussian pyramid
-    frequency: float = 0.2  # of the filters, in cycles per sample
-    offsets: int = 173  # of the Radon transform
-    angles: int = 180  # of the Radon transform
+    blocks: int = setting(16, at_least=1, at_most=4096)  # b, bands of offsets
+    orientations: int = setting(4, at_least=1, at_most=1024)  # of the Gabor filters, evenly over 180 degrees
+    levels: int = setting(2, at_least=1, at_most=16)  # n, of the Gaussian pyramid
+    frequency: float = setting(0.2, at_least=0.01, at_most=0.5)  # of the filters, in cycles per sample
+    offsets: int = setting(173, at_least=4, at_most=4096)  # of the Radon transform
+    angles: int = setting(180, at_least=4, at_most=4096)  # of the Radon transform
     color: bool = False  # each channel of RGB for itself
 
     view: ClassVar[str] = "mirror"
@@ -36,8 +36,7 @@ class RadonGist:
     default_distance: ClassVar[str] = "euclidean"
 
     def __post_init__(self) -> None:
-        Radon(self.offsets, self.angles)
-        check_filters(self.orientations, self.blocks, self.frequency)
+        check_settings(self)
         smallest = min(self.offsets, self.angles) >> max(0, self.levels - 1)
         if self.levels < 1 or smallest < 8:
             raise ConfigError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from omnilab.api import Bytes, Signatures
+from omnilab.api import Bytes, Signatures, check_settings, setting
 from omnilab.errors import ConfigError
 from omnilab_appearance.common.image_ops import channels_of, side_by_side
 from omnilab_appearance.descriptors.hog import cell_means, gradient_sums
@@ -20,10 +20,10 @@ class RadonHog:
     rotation. The thesis finds loop closures with them.
     """
 
-    cells: int = 16  # bands of offsets
-    bins: int = 8  # of each histogram, over 180 degrees
-    offsets: int = 173  # of the Radon transform
-    angles: int = 180  # of the Radon transform
+    cells: int = setting(16, at_least=1, at_most=4096)  # bands of offsets
+    bins: int = setting(8, at_least=1, at_most=1024)  # of each histogram, over 180 degrees
+    offsets: int = setting(173, at_least=4, at_most=4096)  # of the Radon transform
+    angles: int = setting(180, at_least=4, at_most=4096)  # of the Radon transform
     color: bool = False  # each channel of RGB for itself
 
     view: ClassVar[str] = "mirror"
@@ -31,7 +31,7 @@ class RadonHog:
     default_distance: ClassVar[str] = "cosine"
 
     def __post_init__(self) -> None:
-        Radon(self.offsets, self.angles)
+        check_settings(self)
         if not (1 <= self.cells <= self.offsets and self.bins >= 1):
             raise ConfigError(
                 f"cells={self.cells}, bins={self.bins} hold no histogram; give 1 to {self.offsets} cells and 1 bin or more"

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from omnilab.api import Bytes, Signatures
+from omnilab.api import Bytes, Signatures, check_settings, setting
 from omnilab.errors import ConfigError
 from omnilab_appearance.common.image_ops import bands, channels_of, side_by_side
 from omnilab_appearance.descriptors.radon import Radon
@@ -22,10 +22,10 @@ class Ring:
     is ambiguous by 180 degrees; `heading`, the transform itself in coarse bands (N, bands, angles), is not.
     """
 
-    frequencies: int = 40  # along the offsets, the mean left out
-    offsets: int = 173  # of the Radon transform
-    angles: int = 180  # of the Radon transform
-    bands: int = 16  # of offsets, of the heading part
+    frequencies: int = setting(40, at_least=1, at_most=4096)  # along the offsets, the mean left out
+    offsets: int = setting(173, at_least=4, at_most=4096)  # of the Radon transform
+    angles: int = setting(180, at_least=4, at_most=4096)  # of the Radon transform
+    bands: int = setting(16, at_least=1, at_most=4096)  # of offsets, of the heading part
     color: bool = False  # each channel of RGB for itself
 
     view: ClassVar[str] = "mirror"
@@ -33,7 +33,7 @@ class Ring:
     default_distance: ClassVar[str] = "poc_band"
 
     def __post_init__(self) -> None:
-        Radon(self.offsets, self.angles)
+        check_settings(self)
         if not 1 <= self.bands <= self.offsets:
             raise ConfigError(f"bands={self.bands} of {self.offsets} offsets do not exist; give 1 to {self.offsets}")
         if not 1 <= self.frequencies <= self.offsets // 2:

@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from omnilab.api import Bytes, Signatures
-from omnilab.errors import ConfigError, DataError
+from omnilab.api import Bytes, Signatures, check_settings, setting
+from omnilab.errors import DataError
 from omnilab_appearance.common.image_ops import channels_of, side_by_side, with_rows
 
 
@@ -20,8 +20,8 @@ class RingKey:
     are (N, rings, frequencies), invariant under rotation.
     """
 
-    rings: int = 32  # rows of the panorama
-    frequencies: int = 1  # 1: the mean alone
+    rings: int = setting(32, at_least=1, at_most=8192)  # rows of the panorama
+    frequencies: int = setting(1, at_least=1, at_most=8192)  # 1: the mean alone
 
     color: bool = False  # each channel of RGB for itself
 
@@ -30,10 +30,7 @@ class RingKey:
     default_distance: ClassVar[str] = "euclidean"
 
     def __post_init__(self) -> None:
-        if min(self.rings, self.frequencies) < 1:
-            raise ConfigError(
-                f"rings={self.rings}, frequencies={self.frequencies} leave nothing; give 1 or more of each"
-            )
+        check_settings(self)
 
     def describe(self, images: Bytes) -> Signatures:
         """Magnitudes (N, rings, frequencies), in grey levels, of panoramas (N, H, W[, 3])."""

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from omnilab.api import Bytes, Floats, Ints, Signatures
+from omnilab.api import Bytes, Floats, Ints, Signatures, check_settings, setting
 from omnilab.errors import ConfigError, DataError
 from omnilab_appearance.common.circular_correlation import Spectra
 from omnilab_appearance.common.image_ops import channels_of, with_rows
@@ -31,9 +31,11 @@ class RotationalPca:
     these phases (N, rows, N_R), which a rotation shifts. It must be fitted on the map's panoramas before it describes.
     """
 
-    components: int = 50  # k3, eigenvectors with the largest eigenvalues
-    rotations: int = 64  # N_R, of each panorama; must divide its columns
-    rows: int = 64  # the panoramas are averaged to so many
+    components: int = setting(50, at_least=1, at_most=100_000)  # k3, eigenvectors with the largest eigenvalues
+    rotations: int = setting(
+        64, at_least=2, at_most=8192, multiple_of=2
+    )  # N_R, of each panorama; must divide its columns
+    rows: int = setting(64, at_least=1, at_most=8192)  # the panoramas are averaged to so many
     color: bool = False  # the channels of RGB, one below the other
     basis: str | None = None  # a file that Eigenspace.save wrote; null: fitted on the map
 
@@ -42,11 +44,7 @@ class RotationalPca:
     default_distance: ClassVar[str] = "cityblock"
 
     def __post_init__(self) -> None:
-        if min(self.components, self.rows) < 1 or self.rotations < 2 or self.rotations % 2:
-            raise ConfigError(
-                f"components={self.components}, rows={self.rows}, rotations={self.rotations} span nothing; give 1 or more"
-                " components and rows, and an even number of rotations"
-            )
+        check_settings(self)
 
     def fit(self, images: Bytes) -> Eigenspace | RotationalPca:
         """The eigenspace of panoramas (N, H, W[, 3]); with a `basis` there is nothing to fit."""

@@ -7,8 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from omnilab.api import Bytes, Floats, Signatures
-from omnilab.errors import ConfigError
+from omnilab.api import Bytes, Floats, Signatures, check_settings, setting
 from omnilab_appearance.common.image_ops import channels_of
 from omnilab_appearance.common.local_features import packed
 
@@ -20,8 +19,8 @@ class Sift:
     The strongest `features` of each image: (N, features, 3 + 128), as `omnilab_appearance.common.local_features` lays them out.
     """
 
-    features: int = 300  # at most so many of each image
-    contrast: float = 0.04  # detection threshold
+    features: int = setting(300, at_least=1, at_most=10_000)  # at most so many of each image
+    contrast: float = setting(0.04, above=0)  # detection threshold
 
     view: ClassVar[str] = "mirror"
     color: ClassVar[bool] = False
@@ -29,9 +28,7 @@ class Sift:
     default_distance: ClassVar[str] = "features_turned"
 
     def __post_init__(self) -> None:
-        check_count(self.features)
-        if not self.contrast > 0:
-            raise ConfigError(f"contrast={self.contrast:g} lets everything pass; give a number above 0, such as 0.04")
+        check_settings(self)
 
     def describe(self, images: Bytes) -> Signatures:
         """Features of mirror images (N, S, S)."""
@@ -48,9 +45,3 @@ class Sift:
 
         views = channels_of(images, self.color)
         return packed([features_of(image) for image in views], self.features, 128, views.shape[1:3])
-
-
-def check_count(features: int) -> None:
-    """ConfigError for a number of features below 1."""
-    if features < 1:
-        raise ConfigError(f"features={features} describe nothing; give 1 or more")

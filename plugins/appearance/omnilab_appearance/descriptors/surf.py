@@ -7,11 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from omnilab.api import Bytes, Floats, Signatures
-from omnilab.errors import ConfigError
+from omnilab.api import Bytes, Floats, Signatures, check_settings, setting
 from omnilab_appearance.common.image_ops import channels_of
 from omnilab_appearance.common.local_features import packed
-from omnilab_appearance.descriptors.sift import check_count
 
 
 @dataclass
@@ -22,8 +20,8 @@ class Surf:
     mahotas finds about as many features as OpenCV does, but places them less precisely.
     """
 
-    features: int = 300  # at most so many of each image
-    threshold: float = 0.1  # detection threshold
+    features: int = setting(300, at_least=1, at_most=10_000)  # at most so many of each image
+    threshold: float = setting(0.1, above=0)  # detection threshold
 
     view: ClassVar[str] = "mirror"
     color: ClassVar[bool] = False
@@ -31,9 +29,7 @@ class Surf:
     default_distance: ClassVar[str] = "features_turned"
 
     def __post_init__(self) -> None:
-        check_count(self.features)
-        if not self.threshold > 0:
-            raise ConfigError(f"threshold={self.threshold:g} lets everything pass; give a number above 0, such as 0.1")
+        check_settings(self)
 
     def describe(self, images: Bytes) -> Signatures:
         """Features of mirror images (N, S, S)."""

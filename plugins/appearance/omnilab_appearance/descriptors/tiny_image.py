@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from omnilab.api import Bytes, Signatures
-from omnilab.errors import ConfigError, DataError
+from omnilab.api import Bytes, Signatures, check_settings, setting
+from omnilab.errors import DataError
 from omnilab_appearance.common.image_ops import channels_of, side_by_side
 
 
@@ -19,8 +19,8 @@ class TinyImage:
     Signatures are (N, rows, columns), and a rotation of the camera shifts the columns.
     """
 
-    rows: int = 16  # of the tiny image
-    columns: int = 32  # of the tiny image, over 360 degrees
+    rows: int = setting(16, at_least=1, at_most=8192)  # of the tiny image
+    columns: int = setting(32, at_least=1, at_most=8192)  # of the tiny image, over 360 degrees
     color: bool = False  # each channel of RGB for itself
 
     view: ClassVar[str] = "panorama"
@@ -28,8 +28,7 @@ class TinyImage:
     default_distance: ClassVar[str] = "poc_band"
 
     def __post_init__(self) -> None:
-        if min(self.rows, self.columns) < 1:
-            raise ConfigError(f"an image of {self.rows} x {self.columns} pixels shows nothing; give at least 1 x 1")
+        check_settings(self)
 
     def describe(self, images: Bytes) -> Signatures:
         """Tiny images (N, rows, columns) of panoramas (N, H, W[, 3])."""

@@ -7,8 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from omnilab.api import Bools, Floats, Ints, Match, Signatures
-from omnilab.errors import ConfigError
+from omnilab.api import Bools, Floats, Ints, Match, Signatures, check_settings, setting
 from omnilab.geometry import wrap_angle
 from omnilab_appearance.common.local_features import LocalFeatures, unpacked
 
@@ -27,13 +26,12 @@ class Features:
     than 0.1 pixels count as 0.1. Gives no rotation.
     """
 
-    ratio: float = 0.8  # of Lowe's test
+    ratio: float = setting(0.8, above=0, at_most=1)  # of Lowe's test
 
     derotated: ClassVar[bool] = False  # whether the rotation between the images is undone first
 
     def __post_init__(self) -> None:
-        if not 0 < self.ratio <= 1:
-            raise ConfigError(f"ratio={self.ratio:g} is not that of two distances; give a number above 0 and up to 1")
+        check_settings(self)
 
     def prepare(self, places: Signatures) -> LocalFeatures:
         """The places' features."""

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnilab.api import Floats, Match, Signatures
-from omnilab.errors import ConfigError
+from omnilab.api import Floats, Match, Signatures, check_settings, setting
 from omnilab.geometry import wrap_angle
 from omnilab_appearance.common.circular_correlation import Headings, Spectra, best_rotations, headings_of, rotations
 from omnilab_appearance.distances.poc import in_chunks, matrices_of, unit_phase
@@ -25,14 +24,11 @@ class PocBand:
     rotation; the distance is 1 minus that, in [0, 2].
     """
 
-    angle_band: float = 24.0  # standard deviation of the band along the last axis, in frequencies
-    offset_band: float = 20.0  # the same along the other axis
+    angle_band: float = setting(24.0, above=0)  # standard deviation of the band along the last axis, in frequencies
+    offset_band: float = setting(20.0, above=0)  # the same along the other axis
 
     def __post_init__(self) -> None:
-        if not (self.angle_band > 0 and self.offset_band > 0):
-            raise ConfigError(
-                f"a band of {self.angle_band:g} x {self.offset_band:g} frequencies holds nothing; give two numbers above 0"
-            )
+        check_settings(self)
 
     def prepare(self, places: Signatures) -> tuple[Spectra, int, Headings | None]:
         """The band as (frequencies along angles, frequencies along offsets, P), the number of angles, the headings."""

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnilab.api import Floats
-from omnilab.errors import ConfigError
+from omnilab.api import Floats, check_settings, setting
 from omnilab_appearance.distances.vector_distance import VectorDistance
 
 
@@ -19,14 +18,13 @@ class Weighted(VectorDistance):
     components. The rotation comes from the headings, where there are any.
     """
 
-    p: int = 3  # the power
-    decay: float = 0.95  # w: component i counts w to the power of i; its paper's numbering, from 1, differs by a factor
+    p: int = setting(3, at_least=1, at_most=16)  # the power
+    decay: float = setting(
+        0.95, above=0, at_most=1
+    )  # w: component i counts w to the power of i; its paper's numbering, from 1, differs by a factor
 
     def __post_init__(self) -> None:
-        if not 1 <= self.p <= 16:
-            raise ConfigError(f"p={self.p} is no power for a metric; give a whole number from 1 to 16")
-        if not 0 < self.decay <= 1:
-            raise ConfigError(f"decay={self.decay} weights nothing; give a number above 0 and up to 1")
+        check_settings(self)
 
     def _distances(self, queries: Floats, places: Floats) -> Floats:
         from omnilab_appearance.common.kernels import power_sums

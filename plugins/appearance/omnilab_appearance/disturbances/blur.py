@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnilab.api import Bytes, Camera
-from omnilab.errors import ConfigError
+from omnilab.api import Bytes, Camera, check_settings, setting
 
 REACH = 4  # standard deviations at which the kernel ends
 
@@ -17,11 +16,10 @@ REACH = 4  # standard deviations at which the kernel ends
 class Blur:
     """Convolution with a Gaussian; beyond the frame the image goes on as its mirror image."""
 
-    sigma_px: float = 2.0  # standard deviation in pixels; 0: none
+    sigma_px: float = setting(2.0, at_least=0, at_most=1000)  # standard deviation in pixels; 0: none
 
     def __post_init__(self) -> None:
-        if not 0 <= self.sigma_px <= 1000:
-            raise ConfigError(f"sigma_px={self.sigma_px} blurs nothing; give pixels from 0 to 1000")
+        check_settings(self)
 
     def apply(self, images: Bytes, camera: Camera, rngs: Sequence[np.random.Generator]) -> Bytes:  # noqa: ARG002  nothing is drawn
         """The images, blurred."""

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from omnilab.api import Bytes, Camera
-from omnilab.errors import ConfigError, DataError
+from omnilab.api import Bytes, Camera, check_settings, setting
+from omnilab.errors import DataError
 
 
 @dataclass
 class ColorShift:
     """A factor on each channel of RGB images, rounded and clipped. Grey images have no colour to shift: DataError."""
 
-    gains: list[float] = field(default_factory=lambda: [1.2, 1.0, 0.8])  # of red, green and blue
+    gains: list[float] = setting([1.2, 1.0, 0.8], at_least=0, count=3)  # of red, green and blue
 
     def __post_init__(self) -> None:
-        if len(self.gains) != 3 or not all(0 <= gain < np.inf for gain in self.gains):
-            raise ConfigError(f"gains={self.gains} are no factors of red, green and blue; give three of 0 or more")
+        check_settings(self)
 
     def apply(self, images: Bytes, camera: Camera, rngs: Sequence[np.random.Generator]) -> Bytes:  # noqa: ARG002  nothing is drawn
         """The images with their colours shifted."""

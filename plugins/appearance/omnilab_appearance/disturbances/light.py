@@ -7,22 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnilab.api import Bytes, Camera
-from omnilab.errors import ConfigError
+from omnilab.api import Bytes, Camera, check_settings, setting
 
 
 @dataclass
 class Light:
     """Grey level g becomes 255 * gain * (g / 255)^gamma, rounded and clipped: brightness, then contrast of the darks."""
 
-    gain: float = 0.5  # factor on all levels; 1: none
-    gamma: float = 1.0  # exponent: above 1 the darks get darker, below 1 brighter
+    gain: float = setting(0.5, at_least=0)  # factor on all levels; 1: none
+    gamma: float = setting(1.0, above=0)  # exponent: above 1 the darks get darker, below 1 brighter
 
     def __post_init__(self) -> None:
-        if not 0 <= self.gain < np.inf:
-            raise ConfigError(f"gain={self.gain} is no brightness; give 0 or more, 1 for none")
-        if not 0 < self.gamma < np.inf:
-            raise ConfigError(f"gamma={self.gamma} is no exponent of light; give a number above 0, 1 for none")
+        check_settings(self)
 
     def apply(self, images: Bytes, camera: Camera, rngs: Sequence[np.random.Generator]) -> Bytes:  # noqa: ARG002  nothing is drawn
         """The images in this light."""

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnilab.api import Bytes, Camera, Floats
-from omnilab.errors import ConfigError
+from omnilab.api import Bytes, Camera, Floats, check_settings, setting
 
 
 class _Noise(ABC):
@@ -34,11 +33,11 @@ class UniformNoise(_Noise):
     reading, [0, level] times 255: mean 255 level / 2, a quarter of the variance.
     """
 
-    level: float = 0.2  # largest noise, as a share of the maximum intensity
+    level: float = setting(0.2, at_least=0, at_most=1)  # largest noise, as a share of the maximum intensity
     positive: bool = False  # only brightens
 
     def __post_init__(self) -> None:
-        _check_share("level", self.level)
+        check_settings(self)
 
     def _draw(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Floats:
         return rng.uniform(0 if self.positive else -255 * self.level, 255 * self.level, shape)
@@ -48,10 +47,10 @@ class UniformNoise(_Noise):
 class GaussianNoise(_Noise):
     """Gaussian noise of mean 0."""
 
-    sigma: float = 0.1  # standard deviation, as a share of the maximum intensity
+    sigma: float = setting(0.1, at_least=0, at_most=1)  # standard deviation, as a share of the maximum intensity
 
     def __post_init__(self) -> None:
-        _check_share("sigma", self.sigma)
+        check_settings(self)
 
     def _draw(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Floats:
         return rng.normal(0, 255 * self.sigma, shape)
@@ -64,16 +63,10 @@ class ListingNoise(_Noise):
     That is Gaussian with a mean of -level, not 0, and a standard deviation of 2 level: it darkens the image, too.
     """
 
-    level: float = 10.0  # in grey levels, as in the listing
+    level: float = setting(10.0, at_least=0, at_most=255)  # in grey levels, as in the listing
 
     def __post_init__(self) -> None:
-        if not 0 <= self.level <= 255:
-            raise ConfigError(f"level={self.level} is not in grey levels; give a number from 0 to 255")
+        check_settings(self)
 
     def _draw(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Floats:
         return self.level * (rng.standard_normal(shape) - 0.5) * 2
-
-
-def _check_share(name: str, value: float) -> None:
-    if not 0 <= value <= 1:
-        raise ConfigError(f"{name}={value} is no share of the maximum intensity; give a number from 0 to 1")

@@ -8,8 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from omnilab.api import Bytes, Camera
-from omnilab.errors import ConfigError
+from omnilab.api import Bytes, Camera, check_settings, setting
 
 
 @dataclass
@@ -21,14 +20,11 @@ class Occlusion:
     `fraction` of the image's pixels by less than one row or column, the share beyond the image circle included.
     """
 
-    fraction: float = 0.1  # of the image's area, covered by all rectangles together
-    rectangles: int = 2  # how many
+    fraction: float = setting(0.1, at_least=0, at_most=1)  # of the image's area, covered by all rectangles together
+    rectangles: int = setting(2, at_least=1, at_most=10_000)  # how many
 
     def __post_init__(self) -> None:
-        if not 0 <= self.fraction <= 1:
-            raise ConfigError(f"fraction={self.fraction} is no share of an image; give a number from 0 to 1")
-        if self.rectangles < 1:
-            raise ConfigError(f"rectangles={self.rectangles} cover nothing; give 1 or more")
+        check_settings(self)
 
     def apply(self, images: Bytes, camera: Camera, rngs: Sequence[np.random.Generator]) -> Bytes:  # noqa: ARG002  the frame is covered, not the circle
         """The images with their rectangles."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnilab.api import Bytes, CalibratedCamera, Camera, Floats
-from omnilab.errors import ConfigError, DataError
+from omnilab.api import Bytes, CalibratedCamera, Camera, Floats, check_settings, setting
+from omnilab.errors import DataError
 
 NOWHERE = -1e4  # pixel coordinate of what the image does not show
 
@@ -22,14 +22,11 @@ class Tilt:
     the upright image does not show is black. Only for calibrated cameras.
     """
 
-    angle_deg: float = 5.0  # of the lean
+    angle_deg: float = setting(5.0, at_least=-180, at_most=180)  # of the lean
     axis_deg: float | None = None  # azimuth of the axis in the camera frame; null: drawn for each image
 
     def __post_init__(self) -> None:
-        if not -180 <= self.angle_deg <= 180:
-            raise ConfigError(f"angle_deg={self.angle_deg} is no lean; give degrees from -180 to 180")
-        if self.axis_deg is not None and not np.isfinite(self.axis_deg):
-            raise ConfigError(f"axis_deg={self.axis_deg} is no azimuth; give degrees, or null")
+        check_settings(self)
 
     def apply(self, images: Bytes, camera: Camera, rngs: Sequence[np.random.Generator]) -> Bytes:
         """The images as the leaning camera would have taken them."""

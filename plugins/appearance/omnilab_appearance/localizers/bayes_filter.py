@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from omnilab.api import Distance, Estimates, Floats, Places, Signatures
-from omnilab.errors import ConfigError, DataError
+from omnilab.api import Distance, Estimates, Floats, Places, Signatures, check_settings, setting
+from omnilab.errors import DataError
 from omnilab.geometry import heading_of, wrap_angle
 from omnilab.metrics import spacing
 from omnilab_appearance.localizers.nearest import Nearest
@@ -39,16 +39,16 @@ class BayesFilter:
     scale. The answer is the place of the largest belief; the distances are -log of the belief.
     """
 
-    motion_m: float | None = None  # standard deviation along each axis, from a query to the next; null: the map's step
-    certainty: float = 12.0  # log likelihood ratio of the most alike place to one at the median distance
-    lost: float = 0.01  # share of the belief that is spread evenly
+    motion_m: float | None = setting(
+        None, above=0
+    )  # standard deviation along each axis, from a query to the next; null: the map's step
+    certainty: float = setting(
+        12.0, above=0, at_most=1e6
+    )  # log likelihood ratio of the most alike place to one at the median distance
+    lost: float = setting(0.01, above=0, below=1)  # share of the belief that is spread evenly
 
     def __post_init__(self) -> None:
-        if not ((self.motion_m is None or self.motion_m > 0) and self.certainty > 0 and 0 < self.lost < 1):
-            raise ConfigError(
-                f"motion_m={self.motion_m}, certainty={self.certainty:g}, lost={self.lost:g} follow nothing; give"
-                " numbers above 0, and lost below 1"
-            )
+        check_settings(self)
 
     def prepare(self, places: Places, distance: Distance) -> BayesFilterIndex:
         """The map, before the first query."""

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnilab.api import Distance, Estimates, Floats, Ints, Places, Signatures
-from omnilab.errors import ConfigError, DataError
+from omnilab.api import Distance, Estimates, Floats, Ints, Places, Signatures, check_settings, setting
+from omnilab.errors import DataError
 from omnilab.geometry import heading_of, wrap_angle
 from omnilab_appearance.localizers.nearest import check_map
 
@@ -38,17 +38,12 @@ class Hierarchical:
     0.3 m of a room), representatives must lie closer than that: give more `clusters`.
     """
 
-    clusters: int | None = None  # representatives; null: 2 sqrt(P)
-    probes: int = 8  # clusters searched for a query; all, where there are fewer
-    seed: int = 0  # of the representatives
+    clusters: int | None = setting(None, at_least=1)  # representatives; null: 2 sqrt(P)
+    probes: int = setting(8, at_least=1)  # clusters searched for a query; all, where there are fewer
+    seed: int = setting(0, at_least=0, at_most=2**63 - 1)  # of the representatives
 
     def __post_init__(self) -> None:
-        if self.clusters is not None and self.clusters < 1:
-            raise ConfigError(
-                f"localizer.clusters={self.clusters} hold no places; give 1 or more, or null for 2 sqrt(P)"
-            )
-        if self.probes < 1:
-            raise ConfigError(f"localizer.probes={self.probes} searches nothing; give 1 cluster or more")
+        check_settings(self)
 
     def prepare(self, places: Places, distance: Distance) -> ClusterIndex:
         """Draw representatives, assign every place to one, prepare every cluster."""

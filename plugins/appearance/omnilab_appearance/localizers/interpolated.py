@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnilab.api import Distance, Estimates, Floats, Ints, Places, Signatures
-from omnilab.errors import ConfigError
+from omnilab.api import Distance, Estimates, Floats, Ints, Places, Signatures, check_settings, setting
 from omnilab_appearance.localizers.nearest import Nearest, check_map
 
 NOISE = 1e-6  # eigenvalues below this share of the largest are rounding
@@ -36,13 +35,10 @@ class Interpolated:
     that position. The answered place, its distance and the heading are those of `nearest`.
     """
 
-    neighbours: int = 9  # places interpolated between; all, where the map has fewer
+    neighbours: int = setting(9, at_least=2)  # places interpolated between; all, where the map has fewer
 
     def __post_init__(self) -> None:
-        if self.neighbours < 2:
-            raise ConfigError(
-                f"localizer.neighbours={self.neighbours} leaves nothing to interpolate; give 2 or more (9: 3 x 3)"
-            )
+        check_settings(self)
 
     def prepare(self, places: Places, distance: Distance) -> KrigingIndex:
         """The map prepared for `nearest`, and the neighbours of each place."""

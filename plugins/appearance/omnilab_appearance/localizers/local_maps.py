@@ -10,8 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from omnilab.api import Bools, Distance, Embedding, Estimates, Floats, Ints, Places, Signatures
-from omnilab.errors import ConfigError, DataError
+from omnilab.api import (
+    Bools,
+    Distance,
+    Embedding,
+    Estimates,
+    Floats,
+    Ints,
+    Places,
+    Signatures,
+    check_settings,
+    setting,
+)
+from omnilab.errors import DataError
 from omnilab.geometry import procrustes, spanned
 from omnilab_appearance.localizers.nearest import Nearest
 
@@ -35,20 +46,19 @@ class LocalMapLocalizer(ABC):
     one line, the side of it on which the query lies is ambiguous: a warning.
     """
 
-    neighbours: int = 9  # places that a query's map is made of, at least 3
+    neighbours: int = setting(9, at_least=3, at_most=10_000)  # places that a query's map is made of, at least 3
     constants: Constants = Constants.equal  # of pairs: equal, or inverse_square: min(slope / distance², 100)
-    slope: float | None = None  # of the distance's curve; null: the mean square of the map's distances, free of scale
-    threshold: float | None = None  # pairs that are less alike do not count; null: all do
-    linked: int | None = None  # pairs count where one is among the other's so many most alike; null: all do
-    seed: int = 0  # of what is drawn; every query gets the same draws
+    slope: float | None = setting(
+        None, above=0
+    )  # of the distance's curve; null: the mean square of the map's distances, free of scale
+    threshold: float | None = setting(None, above=0)  # pairs that are less alike do not count; null: all do
+    linked: int | None = setting(
+        None, at_least=1
+    )  # pairs count where one is among the other's so many most alike; null: all do
+    seed: int = setting(0, at_least=0, at_most=2**63 - 1)  # of what is drawn; every query gets the same draws
 
     def __post_init__(self) -> None:
-        if self.neighbours < 3:
-            raise ConfigError(f"neighbours={self.neighbours} place nothing in a plane; give at least 3")
-        for name in ("slope", "threshold", "linked"):
-            value = getattr(self, name)
-            if value is not None and not value > 0:
-                raise ConfigError(f"{name}={value:g} is not above 0; give a positive number or null")
+        check_settings(self)
 
     def prepare(self, places: Places, distance: Distance) -> tuple[Places, Distance, Any]:
         """The map prepared for `nearest`."""

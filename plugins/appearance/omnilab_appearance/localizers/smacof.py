@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from omnilab.api import Bools, Floats, Ints
-from omnilab.errors import ConfigError
+from omnilab.api import Bools, Floats, Ints, setting
 from omnilab_appearance.common.circular_correlation import blas
 from omnilab_appearance.localizers.local_maps import LocalMapLocalizer, connected, log, marks_of
 
@@ -21,15 +20,8 @@ class Smacof(LocalMapLocalizer):
     `tolerance`, relative. Distances that do not count have weight 0; classical scaling takes the shortest paths there.
     """
 
-    tolerance: float = 1e-6  # settled where the stress falls by less than this share
-    iterations: int = 10_000  # at most
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not (self.tolerance > 0 and self.iterations > 0):
-            raise ConfigError(
-                f"tolerance={self.tolerance:g}, iterations={self.iterations} never end; give both above 0"
-            )
+    tolerance: float = setting(1e-6, above=0)  # settled where the stress falls by less than this share
+    iterations: int = setting(10_000, at_least=1)  # at most
 
     def _embed(
         self, lengths: Floats, weights: Floats, rng: np.random.Generator, steps: int

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from omnilab.api import Floats, Ints
-from omnilab.errors import ConfigError
+from omnilab.api import Floats, Ints, setting
 from omnilab_appearance.localizers.local_maps import LocalMapLocalizer, log, marks_of
 
 
@@ -31,17 +30,13 @@ class Spring(LocalMapLocalizer):
     """
 
     integrator: Integrator = Integrator.verlet  # euler (eq. 4) or verlet (eq. 5-6)
-    starts: int = 4  # random ones
-    damping: float = 0.6  # of every damper, N s per unit of length
-    step_s: float = 0.03  # Δt
-    tolerance: float = 1e-3  # settled where springs change by less, root mean square, in mean distances a second
-    iterations: int = 10_000  # at most
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("starts", "damping", "step_s", "tolerance", "iterations"):
-            if not getattr(self, name) > 0:
-                raise ConfigError(f"{name}={getattr(self, name):g} lets no spring settle; give a number above 0")
+    starts: int = setting(4, at_least=1, at_most=10_000)  # random ones
+    damping: float = setting(0.6, above=0, at_most=1e6)  # of every damper, N s per unit of length
+    step_s: float = setting(0.03, above=0, at_most=1000)  # Δt
+    tolerance: float = setting(
+        1e-3, above=0
+    )  # settled where springs change by less, root mean square, in mean distances a second
+    iterations: int = setting(10_000, at_least=1)  # at most
 
     def _embed(
         self, lengths: Floats, weights: Floats, rng: np.random.Generator, steps: int

@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omnilab.api import Closures, Floats, Frames, ImageFeatures, Ints, Unusable
-from omnilab.errors import ConfigError
+from omnilab.api import Closures, Floats, Frames, ImageFeatures, Ints, Unusable, check_settings, setting
 from omnilab.image import view_of
 from omnilab_appearance.common.ground_scale import ground_step, rotated
 from omnilab_appearance.common.relative_pose import RelativePose
@@ -16,7 +15,7 @@ from omnilab_appearance.common.spherical_features import check_calibrated
 from omnilab_appearance.descriptors.radon import Radon
 from omnilab_appearance.descriptors.radon_hog import RadonHog
 from omnilab_appearance.loop_closures.cosine_index import CosineIndex
-from omnilab_appearance.loop_closures.hog_threshold import check_settings, hog_of, no_closures
+from omnilab_appearance.loop_closures.hog_threshold import hog_of, no_closures
 from omnilab_appearance.odometries.planar_epipolar import PlanarEpipolar, propagate
 
 EVERY = 5  # images: how often the length of a step is measured
@@ -34,35 +33,28 @@ class GeometricVerification:
     """
 
     geometry: PlanarEpipolar = field(default_factory=PlanarEpipolar)  # its matches and tolerances; not its lengths
-    candidates: int = 3  # to verify, the most alike
-    alike: float = 5.0  # how much further apart than usual neighbours in time candidates may be
-    least: int = 40  # matches that agree
-    share: float = 0.4  # of the matches that agree
-    parallax_deg: float = 4.0  # root mean square, of matches that agree: at most
-    parallax_steps: float = 2.0  # and at most so many times that of usual steps, near walls or far from them
-    exclude: int = 30  # images just before that are not compared with
-    most: int = 1  # closures of an image, those that moved least
-    pause: int = (
-        0  # images after a closure that are not compared: keeps graphs of trajectories driven many times sparse
-    )
-    reach: float = 1.0  # standard deviation of the position without a length of the ground plane, in usual steps
-    turn_sigma_deg: float = 0.5  # and of the heading, at least
-    cells: int = 16  # of the HOG
-    bins: int = 8  # of the HOG
+    candidates: int = setting(3, at_least=1)  # to verify, the most alike
+    alike: float = setting(5.0, above=0)  # how much further apart than usual neighbours in time candidates may be
+    least: int = setting(40, at_least=4)  # matches that agree
+    share: float = setting(0.4, at_least=0, at_most=1)  # of the matches that agree
+    parallax_deg: float = setting(4.0, above=0, at_most=180)  # root mean square, of matches that agree: at most
+    parallax_steps: float = setting(
+        2.0, above=0
+    )  # and at most so many times that of usual steps, near walls or far from them
+    exclude: int = setting(30, at_least=1)  # images just before that are not compared with
+    most: int = setting(1, at_least=1)  # closures of an image, those that moved least
+    pause: int = setting(
+        0, at_least=0
+    )  # images after a closure that are not compared: keeps graphs of trajectories driven many times sparse
+    reach: float = setting(
+        1.0, at_least=1e-6, at_most=1e6
+    )  # standard deviation of the position without a length of the ground plane, in usual steps
+    turn_sigma_deg: float = setting(0.5, at_least=1e-6, at_most=1e6)  # and of the heading, at least
+    cells: int = setting(16, at_least=1, at_most=4096)  # of the HOG
+    bins: int = setting(8, at_least=1, at_most=1024)  # of the HOG
 
     def __post_init__(self) -> None:
-        check_settings(self.exclude, self.most, self.reach, self.turn_sigma_deg)
-        if self.candidates < 1 or not self.alike > 0:
-            raise ConfigError(
-                f"candidates={self.candidates}, alike={self.alike:g} propose nothing; give 1 or more, above 0"
-            )
-        if self.least < 4 or not 0 <= self.share <= 1 or not self.parallax_deg > 0:
-            raise ConfigError(
-                f"least={self.least}, share={self.share:g}, parallax_deg={self.parallax_deg:g} confirm nothing; give 4 matches"
-                " or more, a share up to 1, and degrees above 0"
-            )
-        if self.pause < 0:
-            raise ConfigError(f"pause={self.pause} is no number of images; give 0 or more")
+        check_settings(self)
         RadonHog(self.cells, self.bins)
 
     def begin(self) -> VerifiedDatabase:

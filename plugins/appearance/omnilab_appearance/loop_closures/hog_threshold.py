@@ -6,8 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnilab.api import Closures, Floats, Frames, ImageFeatures, Ints, Signatures, Unusable
-from omnilab.errors import ConfigError
+from omnilab.api import (
+    Closures,
+    Floats,
+    Frames,
+    ImageFeatures,
+    Ints,
+    Signatures,
+    Unusable,
+    check_settings,
+    setting,
+)
 from omnilab.image import view_of
 from omnilab_appearance.descriptors.hog import cell_means, gradient_sums
 from omnilab_appearance.descriptors.radon import Radon
@@ -26,31 +35,21 @@ class HogThreshold:
     robust back end should follow.
     """
 
-    w: float = 0.006  # distance below which two images show one place
-    exclude: int = 30  # images just before that are not compared with
-    most: int = 1  # closures of an image, the nearest ones
-    reach: float = 1.0  # standard deviation of the position, in usual steps
-    turn_sigma_deg: float = 2.0  # and of the heading
-    cells: int = 16  # of the HOG
-    bins: int = 8  # of the HOG
+    w: float = setting(0.006, above=0)  # distance below which two images show one place
+    exclude: int = setting(30, at_least=1)  # images just before that are not compared with
+    most: int = setting(1, at_least=1)  # closures of an image, the nearest ones
+    reach: float = setting(1.0, at_least=1e-6, at_most=1e6)  # standard deviation of the position, in usual steps
+    turn_sigma_deg: float = setting(2.0, at_least=1e-6, at_most=1e6)  # and of the heading
+    cells: int = setting(16, at_least=1, at_most=4096)  # of the HOG
+    bins: int = setting(8, at_least=1, at_most=1024)  # of the HOG
 
     def __post_init__(self) -> None:
-        if not self.w > 0:
-            raise ConfigError(f"w={self.w:g} recognises nothing; give a distance above 0, such as 0.006")
-        check_settings(self.exclude, self.most, self.reach, self.turn_sigma_deg)
+        check_settings(self)
         RadonHog(self.cells, self.bins)
 
     def begin(self) -> HogDatabase:
         """An empty place database."""
         return HogDatabase(self)
-
-
-def check_settings(exclude: int, most: int, reach: float, turn_sigma_deg: float) -> None:
-    """ConfigError for settings that close no loop, or any."""
-    if exclude < 1 or most < 1:
-        raise ConfigError(f"exclude={exclude}, most={most} close a loop with every image or with none; give 1 or more")
-    if not (reach > 0 and turn_sigma_deg > 0):
-        raise ConfigError(f"reach={reach:g}, turn_sigma_deg={turn_sigma_deg:g} are no deviations; give numbers above 0")
 
 
 class HogDatabase:

@@ -8,14 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnilab.api import Floats, Frames, ImageFeatures, Motion, Signatures, Unusable
-from omnilab.errors import ConfigError
+from omnilab.api import Floats, Frames, ImageFeatures, Motion, Signatures, Unusable, check_settings, setting
 from omnilab.geometry import wrap_angle
 from omnilab.image import PANORAMA_SHAPE, view_of
 from omnilab_appearance.common.local_features import Detector
 from omnilab_appearance.common.spherical_features import match_features, spherical_features
 from omnilab_appearance.descriptors.radon import Radon
-from omnilab_appearance.descriptors.sift import check_count
 from omnilab_appearance.distances.poc import Poc
 
 SAME = 1e-6  # POC distance below which two images are the same one
@@ -48,29 +46,19 @@ class Appearance:
     """
 
     detector: Detector = Detector.surf  # as printed; or sift
-    features: int = 400  # at most so many of each image
-    ratio: float = 0.8  # of Lowe's test
-    least: int = 10  # matches; with fewer the estimate fails
+    features: int = setting(400, at_least=1, at_most=10_000)  # at most so many of each image
+    ratio: float = setting(0.8, above=0, at_most=1)  # of Lowe's test
+    least: int = setting(10, at_least=2)  # matches; with fewer the estimate fails
     ties: Ties = Ties.first  # as printed; or middle of the windows that win
     squared: bool = False  # the square of the distance: more linear over a metre (eq. 4.4), with a larger spread
-    offsets: int = 173  # of the Radon transform
-    angles: int = 180  # of the Radon transform
-    turn_sigma_deg: float = 1.0  # standard deviation of a rotation
-    direction_sigma_deg: float = 15.0  # of a direction of motion
-    length_sigma: float = 0.2  # of a length, as a share of it
+    offsets: int = setting(173, at_least=4, at_most=4096)  # of the Radon transform
+    angles: int = setting(180, at_least=4, at_most=4096)  # of the Radon transform
+    turn_sigma_deg: float = setting(1.0, at_least=1e-6, at_most=1e6)  # standard deviation of a rotation
+    direction_sigma_deg: float = setting(15.0, at_least=1e-6, at_most=1e6)  # of a direction of motion
+    length_sigma: float = setting(0.2, at_least=1e-6, at_most=1e6)  # of a length, as a share of it
 
     def __post_init__(self) -> None:
-        check_count(self.features)
-        if not 0 < self.ratio <= 1 or self.least < 2:
-            raise ConfigError(
-                f"ratio={self.ratio:g}, least={self.least} match nothing; give up to 1, and 2 matches or more"
-            )
-        if not min(self.turn_sigma_deg, self.direction_sigma_deg, self.length_sigma) > 0:
-            raise ConfigError(
-                f"turn_sigma_deg={self.turn_sigma_deg:g}, direction_sigma_deg={self.direction_sigma_deg:g},"
-                f" length_sigma={self.length_sigma:g} are no deviations; give numbers above 0"
-            )
-        Radon(self.offsets, self.angles)
+        check_settings(self)
 
     def extract(self, frames: Frames) -> list[AppearanceFeatures | Unusable]:
         """The Radon transform and the features of each image."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnilab.api import Floats
+from omnilab.api import Floats, setting
 from omnilab.geometry import wrap_angle
 from omnilab_appearance.common.local_features import Detector
 from omnilab_appearance.odometries.appearance import Appearance
@@ -26,7 +26,7 @@ class AppearanceFit(Appearance):
     """
 
     detector: Detector = Detector.sift  # or surf, less precise
-    direction_sigma_deg: float = 8.0  # of a direction of motion
+    direction_sigma_deg: float = setting(8.0, at_least=1e-6, at_most=1e6)  # of a direction of motion
 
     def _direction(self, azimuth_rad: Floats, moved_rad: Floats) -> tuple[float, float | None, float]:
         """The direction of motion in the new frame, no window, and the error of the rotation."""

@@ -8,7 +8,17 @@ from enum import Enum
 
 import numpy as np
 
-from omnilab.api import Floats, Frames, ImageFeatures, Ints, Motion, Signatures, Unusable
+from omnilab.api import (
+    Floats,
+    Frames,
+    ImageFeatures,
+    Ints,
+    Motion,
+    Signatures,
+    Unusable,
+    check_settings,
+    setting,
+)
 from omnilab.errors import ConfigError
 from omnilab.image import view_of
 from omnilab_appearance.common.ground_scale import GroundStep, ground_step
@@ -21,8 +31,6 @@ from omnilab_appearance.common.spherical_features import (
     spherical_features,
 )
 from omnilab_appearance.descriptors.radon import Radon
-from omnilab_appearance.descriptors.sift import check_count
-from omnilab_appearance.distances.features import Features
 from omnilab_appearance.distances.poc_squared import PocSquared
 
 POC_SPREAD = 0.25  # standard deviation of a length by POC, of the length
@@ -53,28 +61,17 @@ class PlanarEpipolar:
     """
 
     detector: Detector = Detector.sift  # or surf, less precise
-    features: int = 400  # at most so many of each image
-    ratio: float = 0.8  # a match is so much nearer than the second best
+    features: int = setting(400, at_least=1, at_most=10_000)  # at most so many of each image
+    ratio: float = setting(0.8, above=0, at_most=1)  # a match is so much nearer than the second best
     solver: Solver = Solver.two_point  # minimal; or linear, on four points as printed
-    tolerance_deg: float = 0.5  # of a match from its epipolar plane
-    draws: int = 300  # of RANSAC, at most
-    least_matches: int = 12  # inliers; with fewer the estimate fails
+    tolerance_deg: float = setting(0.5, above=0, at_most=10)  # of a match from its epipolar plane
+    draws: int = setting(300, at_least=1, at_most=1_000_000)  # of RANSAC, at most
+    least_matches: int = setting(12, at_least=5)  # inliers; with fewer the estimate fails
     length: Length = Length.floor  # by points of the floor; or poc, by the distance of the Radon transforms
-    height_m: float | None = None  # of the camera above the floor; not given: lengths in that height
+    height_m: float | None = setting(None, above=0)  # of the camera above the floor; not given: lengths in that height
 
     def __post_init__(self) -> None:
-        check_count(self.features)
-        Features(self.ratio)  # checks it
-        if not 0 < self.tolerance_deg <= 10:
-            raise ConfigError(f"tolerance_deg={self.tolerance_deg:g} is none; give degrees above 0 and up to 10")
-        if self.draws < 1:
-            raise ConfigError(f"draws={self.draws} try nothing; give 1 or more, such as 300")
-        if self.least_matches < 5:
-            raise ConfigError(
-                f"least_matches={self.least_matches} cannot distinguish a motion from chance; give 5 or more"
-            )
-        if self.height_m is not None and not 0 < self.height_m < np.inf:
-            raise ConfigError(f"height_m={self.height_m:g} is no height above the floor; give metres above 0")
+        check_settings(self)
 
     def extract(self, frames: Frames) -> Sequence[ImageFeatures | Unusable]:
         """Features of each image on the unit sphere; DataError for an uncalibrated camera."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnilab.api import Floats, Frames, Motion
-from omnilab.errors import ConfigError, DataError
+from omnilab.api import Floats, Frames, Motion, check_settings, setting
+from omnilab.errors import DataError
 from omnilab.posegraph.graph import inverse, vectors
 
 
@@ -20,22 +20,16 @@ class Simulated:
     covariance is that of this noise. `scale` is a systematic error of all lengths, which the covariance leaves out.
     """
 
-    translation_noise: float = 0.05  # standard deviation of x and of y, as a share of the step
-    still_noise_m: float = 0.001  # and at least, of a step of no length
-    heading_noise_deg: float = 0.5  # standard deviation of the heading, at least
-    turn_noise: float = 0.02  # and as a share of the rotation
-    scale: float = 1.0  # what all lengths are multiplied by
+    translation_noise: float = setting(
+        0.05, at_least=0, at_most=1000
+    )  # standard deviation of x and of y, as a share of the step
+    still_noise_m: float = setting(0.001, at_least=1e-6, at_most=1e6)  # and at least, of a step of no length
+    heading_noise_deg: float = setting(0.5, at_least=1e-6, at_most=1e6)  # standard deviation of the heading, at least
+    turn_noise: float = setting(0.02, at_least=0, at_most=1000)  # and as a share of the rotation
+    scale: float = setting(1.0, at_least=1e-6, at_most=1e6)  # what all lengths are multiplied by
 
     def __post_init__(self) -> None:
-        shares, least = (self.translation_noise, self.turn_noise), (self.still_noise_m, self.heading_noise_deg)
-        if not (all(0 <= s < np.inf for s in shares) and all(0 < s < np.inf for s in least)):
-            raise ConfigError(
-                f"translation_noise={self.translation_noise:g}, turn_noise={self.turn_noise:g}, still_noise_m="
-                f"{self.still_noise_m:g}, heading_noise_deg={self.heading_noise_deg:g} are no noise; give shares from 0 and"
-                " the last two above 0"
-            )
-        if not 0 < self.scale < np.inf:
-            raise ConfigError(f"scale={self.scale:g} is no factor of lengths; give a number above 0, such as 1")
+        check_settings(self)
 
     def extract(self, frames: Frames) -> Sequence[Floats]:
         """The pose (4, 4) of each image; DataError without poses."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from omnilab.api import setting
 from omnilab.cameras import (
     FisheyeCamera,
     OCamCamera,
@@ -22,9 +23,9 @@ from omnilab_mirror.sensors.virtual import VirtualCamera
 class Pinhole(VirtualCamera):
     """Images a virtual world with a conventional camera, by default one that looks ahead along the camera frame's +x."""
 
-    width: int = 320  # pixels
-    height: int = 240  # pixels
-    focal_px: float = 200.0  # focal length in pixels
+    width: int = setting(320, at_least=8, at_most=16_384)  # pixels
+    height: int = setting(240, at_least=8, at_most=16_384)  # pixels
+    focal_px: float = setting(200.0, above=0)  # focal length in pixels
     looks: str = "ahead"  # or up, down
 
     @property
@@ -40,10 +41,10 @@ class Stereo(VirtualCamera):
     The pose is in the middle between them.
     """
 
-    width: int = 640  # pixels of both halves together
-    height: int = 240  # pixels
-    focal_px: float = 200.0  # focal length in pixels
-    baseline_m: float = 0.12  # from one camera to the other
+    width: int = setting(640, at_least=16, at_most=16_384, multiple_of=2)  # pixels of both halves together
+    height: int = setting(240, at_least=8, at_most=16_384)  # pixels
+    focal_px: float = setting(200.0, above=0)  # focal length in pixels
+    baseline_m: float = setting(0.12, above=0)  # from one camera to the other
 
     @property
     def camera(self) -> StereoCamera:
@@ -55,8 +56,8 @@ class Stereo(VirtualCamera):
 class Fisheye(VirtualCamera):
     """Images a virtual world with an equidistant fisheye lens, by default a half-space that is seen looking up."""
 
-    size: int = 250  # pixels of a side
-    focal_px: float = 79.0  # pixels from the middle for each radian from the axis
+    size: int = setting(250, at_least=8, at_most=8192)  # pixels of a side
+    focal_px: float = setting(79.0, above=0)  # pixels from the middle for each radian from the axis
     looks: str = "up"  # or down, ahead
 
     @property
@@ -71,20 +72,22 @@ class Fisheye(VirtualCamera):
 class Unified(VirtualCamera):
     """Images a virtual world with any central camera of the unified model (Mei & Rives, 2007): K, xi and distortion."""
 
-    width: int = 250  # pixels
-    height: int = 250  # pixels
-    fx: float = 40.0  # focal length along u in pixels
-    fy: float = 40.0  # and along v
+    width: int = setting(250, at_least=8, at_most=16_384)  # pixels
+    height: int = setting(250, at_least=8, at_most=16_384)  # pixels
+    fx: float = setting(40.0, above=0)  # focal length along u in pixels
+    fy: float = setting(40.0, above=0)  # and along v
     cx: float = 124.5  # where the axis meets the image, in pixels
     cy: float = 124.5  # pixels
-    xi: float = 0.9  # 0: a pinhole; 1: a parabolic mirror
+    xi: float = setting(0.9, at_least=0)  # 0: a pinhole; 1: a parabolic mirror
     skew: float = 0.0  # pixels of u for each unit of y
     k1: float = 0.0  # distortion along the radius, by its square
     k2: float = 0.0  # and by its fourth power
     p1: float = 0.0  # distortion aside, mostly along v
     p2: float = 0.0  # mostly along u
     looks: str = "down"  # or up, ahead
-    rim_px: float | None = 124.5  # radius of the circle that shows the world; null: as far as frame and model reach
+    rim_px: float | None = setting(
+        124.5, above=0
+    )  # radius of the circle that shows the world; null: as far as frame and model reach
 
     @property
     def camera(self) -> UnifiedCamera:
@@ -101,8 +104,10 @@ class OCam(VirtualCamera):
 
     file: str = "???"  # path of a calib_results.txt
     looks: str = "down"  # or up, ahead
-    rim_px: float | None = None  # radius of the circle that shows the world; null: as far as frame and model reach
-    inner_px: float = 0.0  # inside this radius the camera sees itself
+    rim_px: float | None = setting(
+        None, above=0
+    )  # radius of the circle that shows the world; null: as far as frame and model reach
+    inner_px: float = setting(0.0, at_least=0)  # inside this radius the camera sees itself
 
     @property
     def camera(self) -> OCamCamera:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from omnilab.api import setting
 from omnilab.cameras import ConicalMirror, EllipticMirror, HyperbolicMirror, ParabolicMirror, SphericalMirror
 from omnilab_mirror.sensors.virtual import VirtualCamera
 
@@ -15,12 +16,14 @@ class Mirror(VirtualCamera):
     Rays are traced exactly, from the mirror's effective viewpoint; the viewpoint is the pose's origin.
     """
 
-    size: int = 250  # pixels of a side
-    crop: float = 0.5  # share of the mirror's diameter in the image; 1: all of it
-    a_mm: float = 40.0  # the hyperbola's a
-    b_mm: float = 160.0  # the hyperbola's b
-    rim_mm: float = 41.0  # from the mirror's apex up to its rim
-    margin_px: int = 0  # black columns on the left and on the right: a frame wider than high
+    size: int = setting(250, at_least=8, at_most=8192)  # pixels of a side
+    crop: float = setting(0.5, above=0, at_most=1)  # share of the mirror's diameter in the image; 1: all of it
+    a_mm: float = setting(40.0, above=0)  # the hyperbola's a
+    b_mm: float = setting(160.0, above=0)  # the hyperbola's b
+    rim_mm: float = setting(41.0, above=0)  # from the mirror's apex up to its rim
+    margin_px: int = setting(
+        0, at_least=0, at_most=8192
+    )  # black columns on the left and on the right: a frame wider than high
 
     @property
     def camera(self) -> HyperbolicMirror:
@@ -32,10 +35,10 @@ class Mirror(VirtualCamera):
 class Parabolic(VirtualCamera):
     """Images a virtual world through a parabolic mirror with an orthographic camera; the viewpoint is the pose's origin."""
 
-    size: int = 250  # pixels of a side
-    crop: float = 1.0  # share of the mirror's diameter in the image; 1: all of it
-    h_mm: float = 20.0  # the mirror's radius at the height of its focus
-    rim_mm: float = 30.0  # from the mirror's apex up to its rim
+    size: int = setting(250, at_least=8, at_most=8192)  # pixels of a side
+    crop: float = setting(1.0, above=0, at_most=1)  # share of the mirror's diameter in the image; 1: all of it
+    h_mm: float = setting(20.0, above=0)  # the mirror's radius at the height of its focus
+    rim_mm: float = setting(30.0, above=0)  # from the mirror's apex up to its rim
 
     @property
     def camera(self) -> ParabolicMirror:
@@ -47,11 +50,11 @@ class Parabolic(VirtualCamera):
 class Spherical(VirtualCamera):
     """Images a virtual world through a ball. There is no viewpoint: the ball's lowest point is the pose's origin."""
 
-    size: int = 250  # pixels of a side
-    crop: float = 1.0  # share of the mirror's diameter in the image; 1: all of it
-    distance_mm: float = 100.0  # from the camera's focus up to the mirror's apex
-    rim_radius_mm: float = 35.0  # where the mirror ends
-    radius_mm: float = 40.0  # of the ball
+    size: int = setting(250, at_least=8, at_most=8192)  # pixels of a side
+    crop: float = setting(1.0, above=0, at_most=1)  # share of the mirror's diameter in the image; 1: all of it
+    distance_mm: float = setting(100.0, above=0)  # from the camera's focus up to the mirror's apex
+    rim_radius_mm: float = setting(35.0, above=0)  # where the mirror ends
+    radius_mm: float = setting(40.0, above=0)  # of the ball
 
     @property
     def camera(self) -> SphericalMirror:
@@ -63,12 +66,12 @@ class Spherical(VirtualCamera):
 class Elliptic(VirtualCamera):
     """Images a virtual world through an ellipsoid. There is no viewpoint: its lowest point is the pose's origin."""
 
-    size: int = 250  # pixels of a side
-    crop: float = 1.0  # share of the mirror's diameter in the image; 1: all of it
-    distance_mm: float = 100.0  # from the camera's focus up to the mirror's apex
-    rim_radius_mm: float = 35.0  # where the mirror ends
-    a_mm: float = 40.0  # semi-axis across
-    b_mm: float = 50.0  # semi-axis along the mirror's axis
+    size: int = setting(250, at_least=8, at_most=8192)  # pixels of a side
+    crop: float = setting(1.0, above=0, at_most=1)  # share of the mirror's diameter in the image; 1: all of it
+    distance_mm: float = setting(100.0, above=0)  # from the camera's focus up to the mirror's apex
+    rim_radius_mm: float = setting(35.0, above=0)  # where the mirror ends
+    a_mm: float = setting(40.0, above=0)  # semi-axis across
+    b_mm: float = setting(50.0, above=0)  # semi-axis along the mirror's axis
 
     @property
     def camera(self) -> EllipticMirror:
@@ -83,11 +86,11 @@ class Conical(VirtualCamera):
     It sees a ring of elevations around the horizon, from 90 - 2 half_angle_deg degrees upwards.
     """
 
-    size: int = 250  # pixels of a side
-    crop: float = 1.0  # share of the mirror's diameter in the image; 1: all of it
-    distance_mm: float = 20.0  # from the camera's focus up to the tip
-    rim_radius_mm: float = 30.0  # where the mirror ends
-    half_angle_deg: float = 55.0  # between the axis and the mirror
+    size: int = setting(250, at_least=8, at_most=8192)  # pixels of a side
+    crop: float = setting(1.0, above=0, at_most=1)  # share of the mirror's diameter in the image; 1: all of it
+    distance_mm: float = setting(20.0, above=0)  # from the camera's focus up to the tip
+    rim_radius_mm: float = setting(30.0, above=0)  # where the mirror ends
+    half_angle_deg: float = setting(55.0, above=0, below=90)  # between the axis and the mirror
 
     @property
     def camera(self) -> ConicalMirror:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from omnilab.api import setting
 from omnilab.cameras import CylindricalCamera, EquirectangularCamera
 from omnilab_mirror.sensors.virtual import VirtualCamera
 
@@ -12,10 +13,10 @@ from omnilab_mirror.sensors.virtual import VirtualCamera
 class Cylindrical(VirtualCamera):
     """Images a virtual world on a cylinder: rows are spaced evenly in the tangent of the elevation."""
 
-    width: int = 512  # pixels
-    height: int = 128  # pixels
-    lowest_deg: float = -38.0  # elevation of the bottom edge
-    highest_deg: float = 38.0  # elevation of the top edge
+    width: int = setting(512, at_least=8, at_most=16_384)  # pixels
+    height: int = setting(128, at_least=8, at_most=16_384)  # pixels
+    lowest_deg: float = setting(-38.0, above=-90, below=90)  # elevation of the bottom edge
+    highest_deg: float = setting(38.0, above=-90, below=90)  # elevation of the top edge
     start_deg: float = 180.0  # azimuth of column 0: ahead is in the middle
     clockwise: bool = True  # azimuth falls along the columns, as a viewer inside sees it
 
@@ -31,10 +32,10 @@ class Cylindrical(VirtualCamera):
 class Equirectangular(VirtualCamera):
     """Images a virtual world on the unit sphere: rows are spaced evenly in elevation."""
 
-    width: int = 512  # pixels
-    height: int = 256  # pixels
-    lowest_deg: float = -90.0  # elevation of the bottom edge
-    highest_deg: float = 90.0  # elevation of the top edge
+    width: int = setting(512, at_least=8, at_most=16_384)  # pixels
+    height: int = setting(256, at_least=8, at_most=16_384)  # pixels
+    lowest_deg: float = setting(-90.0, at_least=-90, at_most=90)  # elevation of the bottom edge
+    highest_deg: float = setting(90.0, at_least=-90, at_most=90)  # elevation of the top edge
     start_deg: float = 180.0  # azimuth of column 0: ahead is in the middle
     clockwise: bool = True  # azimuth falls along the columns, as a viewer inside sees it
 

@@ -10,7 +10,8 @@ from omnilab.geometry import planar_poses
 from omnilab_mirror.render.free_space import obstacles
 from omnilab_mirror.scene.world import World
 
-MAX_NODES = 4_000_000
+MOST_POSES = 1_000_000  # drawn at random
+MAX_NODES = 4_000_000  # of a grid
 
 
 def poses_of(layout: PoseRequest, world: World, height_m: float, on_floor: bool) -> tuple[Floats, list[str]]:
@@ -35,12 +36,12 @@ def _grid(
     layout: GridPoses, world: World, extent: tuple[float, float], height: float, on_floor: bool
 ) -> tuple[Floats, list[str]]:
     """Both ends of the extent included where the step divides it, row by row, x fastest."""
-    if layout.step_m is None or layout.step_m <= 0:
+    if layout.step_m is None or not layout.step_m > 0:
         raise DataError(
             f"a virtual sensor needs a grid's step_m above 0, not {layout.step_m}; give step_m, and no 'every'"
         )
     count = np.prod([side / layout.step_m + 1 for side in extent])
-    if count > MAX_NODES:
+    if not count <= MAX_NODES:
         raise DataError(
             f"a grid of {extent[0]:g} x {extent[1]:g} m with step_m={layout.step_m:g} has {count:.3g} nodes, up to"
             f" {MAX_NODES} are tried; give a larger step_m or a smaller extent_m"
@@ -59,8 +60,13 @@ def _grid(
 
 def _random(layout: RandomPoses, world: World, extent: tuple[float, float], height: float, on_floor: bool) -> Floats:
     """Uniform over the free part of the extent."""
-    if layout.count < 1:
-        raise DataError(f"count={layout.count} random poses cannot be drawn; give a count of at least 1")
+    if not 1 <= layout.count <= MOST_POSES:
+        raise DataError(f"count={layout.count} random poses cannot be drawn; give a count from 1 to {MOST_POSES}")
+    if layout.heading_step_rad is not None and not 0 < layout.heading_step_rad <= np.pi:
+        raise DataError(
+            f"headings that are multiples of {np.degrees(layout.heading_step_rad):g} degrees are one heading, or none; give"
+            " a step above 0 and up to 180 degrees"
+        )
     rng, half = np.random.default_rng(layout.seed), np.array(extent) / 2
     points = np.empty((0, 3))
     for _ in range(100):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from omnilab.api import Floats, Frames, Mesh, Plan, PoseRequest
+from omnilab.api import Floats, Frames, Mesh, Plan, PoseRequest, check_settings, setting
 from omnilab.cameras import RayCamera
 from omnilab.errors import ConfigError, DataError
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 RENDERER_VERSION = 1  # part of the keys: raise it when the same world and pose give another picture
 FRAME_NS = 100_000_000
+MOST_PIXELS = 2**31  # of a batch
 
 
 @dataclass
@@ -28,26 +29,29 @@ class VirtualCamera(ABC):
     world: str = "room"  # a shipped world's name, or the path of a YAML or mesh file (.obj, .glb, .ply)
     variant: str | None = None  # of the world: one that its file names, with another light or other objects
     color: bool = False  # RGB rather than grey
-    samples: int = 4  # rays a pixel: 1, 4, 9, ... against jagged edges
+    samples: int = setting(4, at_least=1, at_most=1024)  # rays a pixel: 1, 4, 9, ... against jagged edges
     height_m: float = 1.0  # of the viewpoint, where a layout gives none
     on_floor: bool = True  # a robot carries the camera: grids and random poses keep clear of furniture below, too
-    batch: int = 64  # images rendered at once
+    batch: int = setting(64, at_least=1, at_most=4096)  # images rendered at once
     depth: bool = False  # also how far each pixel sees
     up: str | None = None  # of a mesh file as world: its axis that points up, y or z; null: y in GLB, z in OBJ and PLY
-    scale: float = 1.0  # of a mesh file as world: metres a unit of it; 0.01 where it is in centimetres
+    scale: float = setting(
+        1.0, at_least=1e-6, at_most=1e6
+    )  # of a mesh file as world: metres a unit of it; 0.01 where it is in centimetres
 
     def __post_init__(self) -> None:
+        check_settings(self)
         if self.samples < 1 or int(np.sqrt(self.samples)) ** 2 != self.samples:
             raise ConfigError(f"samples={self.samples} do not fill a square; give 1, 4, 9 or another square")
-        if self.batch < 1:
-            raise ConfigError(f"batch={self.batch} holds no image; give at least 1")
         if self.up not in {None, "y", "z"}:
             raise ConfigError(f"up={self.up!r} is no axis that may point up; give y, z or null")
-        if not 1e-6 <= self.scale <= 1e6:
+        camera = self.camera  # checks its settings
+        largest = MOST_PIXELS // (camera.width * camera.height)
+        if self.batch > largest >= 1:
             raise ConfigError(
-                f"scale={self.scale} makes no metres; give a number from 1e-6 to 1e6, 0.01 for centimetres"
+                f"batch={self.batch} images of {camera.width} x {camera.height} pixels are held at once, more than memory"
+                f" should; give batch={largest} or less"
             )
-        _ = self.camera  # checks its settings
 
     @property
     @abstractmethod

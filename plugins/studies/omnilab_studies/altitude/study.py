@@ -24,6 +24,8 @@ from omnilab.api import (
     Series,
     Signature,
     Tick,
+    check_settings,
+    setting,
 )
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, wrap_angle
@@ -61,32 +63,29 @@ class Altitude:
 
     recorded: bool = False  # the columns of a recording, all of them, rather than virtual ones
     positions_m: list[Any] | None = None  # [[x, y], ...] of virtual columns; null: random ones
-    position_count: int = 7  # random columns; of the 14 in the thesis, half in each of its two worlds
-    heights_m: list[float] = field(
-        default_factory=lambda: [0.1, 2.0, 0.1]
-    )  # [lowest, highest, step] of virtual columns
+    position_count: int = setting(
+        7, at_least=1, at_most=1_000_000
+    )  # random columns; of the 14 in the thesis, half in each of its two worlds
+    heights_m: list[float] = setting([0.1, 2.0, 0.1], count=3)  # [lowest, highest, step] of virtual columns
     turned: bool = True  # every virtual image has a heading of its own
-    references_m: list[float] = field(default_factory=lambda: [0.1, 1.0])  # heights of the references
-    references_h: list[int] | None = None  # or which image of a column, 1 the lowest; null: by references_m
-    range_m: float = 1.0  # around the reference, where lines are fitted
+    references_m: list[float] = setting([0.1, 1.0])  # heights of the references
+    references_h: list[int] | None = setting(
+        None, at_least=1
+    )  # or which image of a column, 1 the lowest; null: by references_m
+    range_m: float = setting(1.0, above=0)  # around the reference, where lines are fitted
     levels: dict[str, dict[str, list[Any]]] = field(default_factory=dict)  # of a disturbance: {setting: [values]}
 
     needs: ClassVar[tuple[str, ...]] = ("sensor",)
     cached: ClassVar[bool] = False  # it measures time
 
     def __post_init__(self) -> None:
+        check_settings(self, "study.")
         check_positions(self.positions_m)
-        if self.position_count < 1:
-            raise ConfigError(f"study.position_count={self.position_count} are no columns; give 1 or more")
         check_heights(self.heights_m)
         if not (self.references_m if self.references_h is None else self.references_h):
             raise ConfigError("study.references_m or study.references_h names no reference; give at least one")
         if len(set(self._references)) < len(self._references):
             raise ConfigError("study.references_m or study.references_h names a reference twice; leave one out")
-        if self.references_h is not None and min(self.references_h) < 1:
-            raise ConfigError(f"study.references_h={self.references_h} counts images from 1, the lowest; give such")
-        if not self.range_m > 0:
-            raise ConfigError(f"study.range_m={self.range_m:g} is no range; give metres above 0")
         check_levels(self.levels)
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:

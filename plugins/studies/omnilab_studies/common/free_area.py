@@ -7,21 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from omnilab.api import Floats, GridPoses, Ints, PathPoses, Plan, Sensor
-from omnilab.errors import ConfigError, DataError
+from omnilab.errors import DataError
 from omnilab.geometry import planar_poses
-from omnilab_studies.common.grids import check_step
 from omnilab_studies.common.scores import known_poses
-
-
-def check_square(side: int, step_m: float, center_m: Sequence[float], query_count: int) -> None:
-    """ConfigError unless these make a square of places with queries."""
-    if side < 2:
-        raise ConfigError(f"study.side={side} makes no map; give 2 or more places along each side")
-    check_step(step_m)
-    if len(center_m) != 2 or not np.isfinite(center_m).all():
-        raise ConfigError(f"study.center_m={list(center_m)} is no position; give [x, y] in metres")
-    if query_count < 1:
-        raise ConfigError(f"study.query_count={query_count} asks nothing; give 1 or more")
 
 
 def free_square(sensor: Sensor, side: int, step_m: float, center_m: Sequence[float], height_m: float | None) -> Plan:

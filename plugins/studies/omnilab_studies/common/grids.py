@@ -9,23 +9,9 @@ from omnilab.errors import ConfigError
 
 
 def check_step_or_every(step_m: float | None, every: int | None) -> None:
-    """ConfigError unless one of the two is given, and a step is above 0."""
+    """ConfigError unless one of the two is given."""
     if (step_m is None) == (every is None):
         raise ConfigError(f"study.step_m={step_m} and study.every={every}: give one of them, and null for the other")
-    if step_m is not None:
-        check_step(step_m)
-
-
-def check_step(step_m: float) -> None:
-    """ConfigError unless a step is above 0."""
-    if not step_m > 0:
-        raise ConfigError(f"study.step_m={step_m} makes no grid; give a step above 0 metres")
-
-
-def check_extent(extent_m: Sequence[float] | None) -> None:
-    """ConfigError unless an extent has two lengths above 0."""
-    if extent_m is not None and (len(extent_m) != 2 or not min(extent_m) > 0):
-        raise ConfigError(f"study.extent_m={extent_m} is no area; give [x, y] in metres")
 
 
 def extent_of(extent_m: Sequence[float] | None) -> tuple[float, float] | None:

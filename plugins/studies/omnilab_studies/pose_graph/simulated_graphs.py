@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from omnilab.api import Floats, Ints, PoseGraph
+from omnilab.api import Floats, Ints, PoseGraph, check_settings, setting
 from omnilab.errors import ConfigError
 from omnilab.posegraph.graph import between, dead_reckoning, is_loop, matrices, vectors
 
@@ -17,22 +17,15 @@ MIN_GAP = 10  # poses between the two of a loop closure
 class Walk:
     """A simulated walk on a square lattice, as in Olson's Manhattan: a step ahead each time, now and then a turn at a crossing."""
 
-    count: int = 500  # poses
-    side: int = 15  # crossings along each side of the town, 1 m apart
-    turn_rate: float = 0.3  # of the crossings at which it turns
-    loop_rate: float = 0.5  # of the crossings passed before that are recognised
-    sigma_m: float = 0.05  # noise of each measured motion
-    sigma_deg: float = 1.0  # and of its rotation
+    count: int = setting(500, at_least=2, at_most=1_000_000)  # poses
+    side: int = setting(15, at_least=2, at_most=10_000)  # crossings along each side of the town, 1 m apart
+    turn_rate: float = setting(0.3, at_least=0, at_most=1)  # of the crossings at which it turns
+    loop_rate: float = setting(0.5, at_least=0, at_most=1)  # of the crossings passed before that are recognised
+    sigma_m: float = setting(0.05, above=0)  # noise of each measured motion
+    sigma_deg: float = setting(1.0, above=0)  # and of its rotation
 
     def __post_init__(self) -> None:
-        if self.count < 2 or self.side < 2:
-            raise ConfigError(f"study.walk has {self.count} poses among {self.side} crossings; give 2 or more of both")
-        for name in ("turn_rate", "loop_rate"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ConfigError(f"study.walk.{name}={getattr(self, name)} is no share; give a number from 0 to 1")
-        for name in ("sigma_m", "sigma_deg"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise ConfigError(f"study.walk.{name}={getattr(self, name)} is no noise; give a number above 0")
+        check_settings(self, "study.walk.")
 
     def graph(self, rng: np.random.Generator) -> tuple[PoseGraph, Floats]:
         """The measured graph, its poses by odometry, and the true poses (N, 3)."""

@@ -26,6 +26,8 @@ from omnilab.api import (
     Series,
     Text,
     Tick,
+    check_settings,
+    setting,
 )
 from omnilab.errors import ConfigError, DataError
 from omnilab.posegraph.files import read_graph
@@ -61,18 +63,15 @@ class PoseGraphStudy:
     path: str | None = None  # g2o or TORO; null: the simulated walk
     truth: str | None = None  # a graph file with the true poses; null: not known, but for a simulated walk
     walk: Walk = field(default_factory=Walk)  # where there is no file
-    wrong_loops: float = 0.0  # added, as a share of the graph's own loop closures
+    wrong_loops: float = setting(0.0, at_least=0, at_most=10)  # added, as a share of the graph's own loop closures
     alignment: Alignment = Alignment.se3  # with the truth: none, first, se2, se3, sim2 or sim3
-    show: int = 30  # stages of a growing map that go into the logs
+    show: int = setting(30, at_least=1)  # stages of a growing map that go into the logs
 
     needs: ClassVar[tuple[str, ...]] = ("backend",)
     cached: ClassVar[bool] = False  # it measures time
 
     def __post_init__(self) -> None:
-        if not 0 <= self.wrong_loops <= 10:
-            raise ConfigError(f"study.wrong_loops={self.wrong_loops} is no share; give a number from 0 to 10")
-        if self.show < 1:
-            raise ConfigError(f"study.show={self.show} shows nothing; give 1 or more")
+        check_settings(self, "study.")
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Take a graph, add wrong loop closures, optimise it by every back end, measure."""

@@ -7,7 +7,21 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from omnilab.api import Floats, Graph, Optimized, Parts, PathPoses, PlaceMap, Plan, Recorder, Report, Series, Text
+from omnilab.api import (
+    Floats,
+    Graph,
+    Optimized,
+    Parts,
+    PathPoses,
+    PlaceMap,
+    Plan,
+    Recorder,
+    Report,
+    Series,
+    Text,
+    check_settings,
+    setting,
+)
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, planar_poses
 from omnilab.trajectory.evaluation import Alignment, path_length
@@ -44,29 +58,24 @@ class TrajectoryStudy:
 
     images: Source = Source.path  # or recorded: all that was recorded, in its order
     path: str = "square"  # of the world, by its name; or a file of poses (.txt, .tum: TUM's format; .csv)
-    jitter: float = 0.0  # each pose is moved along the path, by up to this share of a step
+    jitter: float = setting(
+        0.0, at_least=0, below=0.5
+    )  # each pose is moved along the path, by up to this share of a step
     height_m: float | None = None  # of the viewpoint on a path of the world; null: the sensor's own
     alignment: Alignment = Alignment.sim2  # with the truth: none, first, se2, se3, sim2 or sim3
-    same_place_m: float | None = None  # poses so close show one place, to judge loop closures; null: two usual steps
-    gap: float = 3.0  # a step that took so many times the usual time is bridged
-    show: int = 200  # images that go into the logs; the numbers of all of them do
+    same_place_m: float | None = setting(
+        None, above=0
+    )  # poses so close show one place, to judge loop closures; null: two usual steps
+    gap: float = setting(3.0, above=1)  # a step that took so many times the usual time is bridged
+    show: int = setting(200, at_least=1)  # images that go into the logs; the numbers of all of them do
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "odometry", "loop_closure", "backend")
     cached: ClassVar[bool] = False  # it measures time
 
     def __post_init__(self) -> None:
+        check_settings(self, "study.")
         if self.images not in {Source.path, Source.recorded}:
             raise ConfigError(f"study.images={self.images.value} makes no trajectory; give path or recorded")
-        if not 0 <= self.jitter < 0.5:
-            raise ConfigError(f"study.jitter={self.jitter} would change the order of the images; give 0 to below 0.5")
-        if not self.gap > 1:
-            raise ConfigError(f"study.gap={self.gap} makes usual steps gaps; give more than 1")
-        if self.same_place_m is not None and not self.same_place_m > 0:
-            raise ConfigError(
-                f"study.same_place_m={self.same_place_m} holds no two poses; give metres above 0, or null"
-            )
-        if self.show < 1:
-            raise ConfigError(f"study.show={self.show} shows nothing; give 1 or more")
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Map image by image, optimise the whole graph, evaluate."""

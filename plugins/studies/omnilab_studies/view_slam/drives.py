@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omnilab.api import Bools, Floats, Ints
+from omnilab.api import Bools, Floats, Ints, check_settings, setting
 from omnilab.errors import ConfigError
 from omnilab.geometry import wrap_angle
 from omnilab.posegraph.graph import between, moved
@@ -41,22 +41,15 @@ class Drive(NamedTuple):
 class Drives:
     """Settings of simulated drives: laps, noise, mishaps."""
 
-    laps: int = 2  # views are taken on the first
-    sigma_rad: float = 0.1  # of bearings and relative orientations
-    nearest_m: float = 1.0  # views nearer are not observed
-    wrong_share: float = 0.0  # of the observations are those of another view
-    gap_share: float = 0.0  # of the steps are missed by odometry
-    halt_share: float = 0.0  # of the poses, at which it stands still for a step
+    laps: int = setting(2, at_least=1, at_most=10_000)  # views are taken on the first
+    sigma_rad: float = setting(0.1, at_least=1e-6, at_most=1e6)  # of bearings and relative orientations
+    nearest_m: float = setting(1.0, above=0)  # views nearer are not observed
+    wrong_share: float = setting(0.0, at_least=0, below=1)  # of the observations are those of another view
+    gap_share: float = setting(0.0, at_least=0, below=1)  # of the steps are missed by odometry
+    halt_share: float = setting(0.0, at_least=0, below=1)  # of the poses, at which it stands still for a step
 
     def __post_init__(self) -> None:
-        if self.laps < 1:
-            raise ConfigError(f"study.drives.laps={self.laps} goes nowhere; give 1 or more")
-        for name in ("sigma_rad", "nearest_m"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise ConfigError(f"study.drives.{name}={getattr(self, name)} is none; give a number above 0")
-        for name in ("wrong_share", "gap_share", "halt_share"):
-            if not 0 <= getattr(self, name) < 1:
-                raise ConfigError(f"study.drives.{name}={getattr(self, name)} is no share; give 0 or more, below 1")
+        check_settings(self, "study.drives.")
 
     def drive(self, scenario: Scenario, views: int, rng: np.random.Generator) -> Drive:
         """One drive: views at the start and at random steps of the first lap, noise, mishaps."""

@@ -51,13 +51,6 @@ def seeds_of(name: str, seeds: int, fewer: Mapping[str, int]) -> int:
     return min(seeds, fewer.get(name, seeds))
 
 
-def check_seeds(seeds: int, fewer: Mapping[str, int]) -> None:
-    """ConfigError for numbers of drives that are none."""
-    for name, count in {"seeds": seeds, **{f"fewer_seeds.{name}": count for name, count in fewer.items()}}.items():
-        if count < 2:
-            raise ConfigError(f"study.{name}={count} has no spread; give 2 or more")
-
-
 class LogLimiter:
     """Puts warnings into the log, up to `MAX_LINES` of them."""
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnilab.api import Bools, Floats, Ints, Motion, Unusable, ViewFilter
+from omnilab.api import Bools, Floats, Ints, Motion, Unusable, ViewFilter, check_settings, setting
 from omnilab.errors import ConfigError
 
 START_VARIANCE = 1e-6  # m², rad²: the first pose is known
@@ -19,23 +19,25 @@ RelativePose = Callable[[int, int], Motion]  # the motion from one image to anot
 class AssociationSettings:
     """Data association: when an image shows a view, and when it becomes one (Gil et al., 2012, 4, eq. 13 and 21)."""
 
-    range_m: float = 2.0  # delta_D: views farther from the estimated pose are no candidates
-    nearest_m: float = 0.25  # nearer ones are not observed: their bearing is hardly defined
-    candidates: int = 3  # views that an image is matched with, at most: the nearest, and those that can be observed
-    similarity: float = 0.5  # R: an image that is less similar to all of them becomes a view
-    least: int = 25  # inliers of the matches, or a view is not observed
-    sigma_deg: float = 0.5  # standard deviation of both angles besides that of the matches
+    range_m: float = setting(2.0, above=0)  # delta_D: views farther from the estimated pose are no candidates
+    nearest_m: float = setting(0.25, at_least=0)  # nearer ones are not observed: their bearing is hardly defined
+    candidates: int = setting(
+        3, at_least=1
+    )  # views that an image is matched with, at most: the nearest, and those that can be observed
+    similarity: float = setting(
+        0.5, above=0, at_most=1
+    )  # R: an image that is less similar to all of them becomes a view
+    least: int = setting(25, at_least=4)  # inliers of the matches, or a view is not observed
+    sigma_deg: float = setting(
+        0.5, at_least=1e-6, at_most=1e6
+    )  # standard deviation of both angles besides that of the matches
 
     def __post_init__(self) -> None:
+        check_settings(self, "study.views.")
         if not 0 <= self.nearest_m < self.range_m:
             raise ConfigError(
                 f"study.views.nearest_m={self.nearest_m:g}, range_m={self.range_m:g} leave no view to be seen; give 0 or more,"
                 " and a larger range"
-            )
-        if self.candidates < 1 or self.least < 4 or not 0 < self.similarity <= 1 or not self.sigma_deg > 0:
-            raise ConfigError(
-                f"study.views.candidates={self.candidates}, least={self.least}, similarity={self.similarity:g}, sigma_deg="
-                f"{self.sigma_deg:g} see nothing; give 1 view and 4 matches or more, a similarity up to 1, degrees above 0"
             )
 
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from omnilab.api import Floats, Parts, PathPoses, Plan, Recorder, Report
+from omnilab.api import Floats, Parts, PathPoses, Plan, Recorder, Report, check_settings, setting
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, planar_poses
 from omnilab.posegraph.graph import vectors
@@ -40,33 +40,27 @@ class ViewSlam:
 
     images: Source = Source.path  # or recorded: all that was recorded, in its order
     path: str = "two_rooms"  # of the world, by its name; or a file of poses (.txt, .tum: TUM's format; .csv)
-    every_m: float = 0.05  # an image on a path so often
-    every_rad: float = 0.05  # and whenever the robot has rotated so far
+    every_m: float = setting(0.05, above=0)  # an image on a path so often
+    every_rad: float = setting(0.05, above=0)  # and whenever the robot has rotated so far
     height_m: float | None = None  # of the viewpoint on a path of the world; null: the sensor's own
     keep: str | None = None  # folder for the first filter's views: images, and the poses that they were mapped at
-    known_sigma_m: float = 0.05  # standard deviation of x and y of views from before
-    known_sigma_deg: float = 1.0  # and of their headings
+    known_sigma_m: float = setting(
+        0.05, at_least=1e-6, at_most=1e6
+    )  # standard deviation of x and y of views from before
+    known_sigma_deg: float = setting(1.0, at_least=1e-6, at_most=1e6)  # and of their headings
     views: AssociationSettings = field(
         default_factory=AssociationSettings
     )  # when an image shows a view, and when it becomes one
-    show: int = 150  # images that go into the logs, and stages of the map; the numbers of all of them do
+    show: int = setting(
+        150, at_least=1
+    )  # images that go into the logs, and stages of the map; the numbers of all of them do
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "odometry")
 
     def __post_init__(self) -> None:
+        check_settings(self, "study.")
         if self.images not in {Source.path, Source.recorded}:
             raise ConfigError(f"study.images={self.images.value} makes no trajectory; give path or recorded")
-        if not (self.every_m > 0 and self.every_rad > 0):
-            raise ConfigError(
-                f"study.every_m={self.every_m:g}, every_rad={self.every_rad:g} space no images; give numbers above 0"
-            )
-        if not (0 < self.known_sigma_m < np.inf and 0 < self.known_sigma_deg < np.inf):
-            raise ConfigError(
-                f"study.known_sigma_m={self.known_sigma_m:g}, known_sigma_deg={self.known_sigma_deg:g} are no standard"
-                " deviations; give numbers above 0"
-            )
-        if self.show < 1:
-            raise ConfigError(f"study.show={self.show} shows nothing; give 1 or more")
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Map image by image with every filter; evaluate."""

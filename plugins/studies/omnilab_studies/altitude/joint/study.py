@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from omnilab.api import Parts, PlaceMap, Plan, Recorder, Report, Series, Tick
+from omnilab.api import Parts, PlaceMap, Plan, Recorder, Report, Series, Tick, check_settings, setting
 from omnilab.errors import ConfigError
 from omnilab_studies.altitude.joint import figures
 from omnilab_studies.altitude.joint.layout import LAYOUT
 from omnilab_studies.altitude.joint.results import JointResult, metrics_of, query_rows, rises_m, row_of, scale_of
 from omnilab_studies.common.describing import describe, describe_places, fitted
 from omnilab_studies.common.frames import deliver_queries
-from omnilab_studies.common.grids import check_extent, check_step, grid_poses
+from omnilab_studies.common.grids import grid_poses
 from omnilab_studies.common.localization_run import LocalizationRun, estimate_of
 from omnilab_studies.common.logs import show_frame, start_logs
 from omnilab_studies.common.pose_sources import random_poses
@@ -35,21 +35,18 @@ class Joint:
     work).
     """
 
-    step_m: float = 0.4  # of the grid of places
-    extent_m: list[float] | None = None  # x and y size of the grid; null: all that the sensor covers
+    step_m: float = setting(0.4, above=0)  # of the grid of places
+    extent_m: list[float] | None = setting(
+        None, above=0, count=2
+    )  # x and y size of the grid; null: all that the sensor covers
     height_m: float = 0.6  # of the map
-    offsets_m: list[float] = field(
-        default_factory=lambda: [-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.5]
-    )  # of the queries
-    query_count: int = 60  # at each height
+    offsets_m: list[float] = setting([-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.5], fewest=1)  # of the queries
+    query_count: int = setting(60, at_least=1, at_most=1_000_000)  # at each height
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "descriptor", "distance", "localizer", "altimeter")
 
     def __post_init__(self) -> None:
-        check_step(self.step_m)
-        check_extent(self.extent_m)
-        if self.query_count < 1:
-            raise ConfigError(f"study.query_count={self.query_count} asks nothing; give 1 or more")
+        check_settings(self, "study.")
         if not self.offsets_m or self.height_m + min(self.offsets_m) <= 0:
             raise ConfigError(
                 f"study.offsets_m={self.offsets_m} leave nothing above the floor from a map at {self.height_m:g} m; give"

@@ -28,6 +28,8 @@ from omnilab.api import (
     Report,
     Text,
     Tick,
+    check_settings,
+    setting,
 )
 from omnilab.cameras import RayCamera
 from omnilab.errors import ConfigError, DataError
@@ -35,7 +37,7 @@ from omnilab.geometry import heading_of
 from omnilab.image import panorama
 from omnilab.trajectory.files import read_trajectory
 from omnilab_studies.common.dataset_files import DataSet, contents_of
-from omnilab_studies.common.grids import check_extent, grid_poses
+from omnilab_studies.common.grids import grid_poses
 from omnilab_studies.common.image_columns import check_heights, check_positions, column_poses
 from omnilab_studies.common.logs import start_logs
 from omnilab_studies.datasets.render.dataset_writer import RenderedFrames, RenderedPart, RenderJob, render_plan
@@ -81,37 +83,37 @@ class Render:
 
     folder: str = "???"  # of the data set: new, or one begun with the same settings
     layout: Where = Where.grid  # or column, path, random, recorded
-    step_m: float | None = None  # of the grid; null: 0.4
-    every: int | None = None  # grid: each n-th row and column of a recording
-    extent_m: list[float] | None = None  # x and y size of the area; null: all that the sensor covers
+    step_m: float | None = setting(None, above=0)  # of the grid; null: 0.4
+    every: int | None = setting(None, at_least=1)  # grid: each n-th row and column of a recording
+    extent_m: list[float] | None = setting(
+        None, above=0, count=2
+    )  # x and y size of the area; null: all that the sensor covers
     height_m: float | None = None  # of the viewpoint; null: the sensor's own
     positions_m: list[Any] | None = None  # [[x, y], ...] of columns; null: the world's origin
-    heights_m: list[float] | None = None  # [lowest, highest, step] of columns; null: [0.1, 2.0, 0.1]
+    heights_m: list[float] | None = setting(None, count=3)  # [lowest, highest, step] of columns; null: [0.1, 2.0, 0.1]
     path: str | None = None  # of the world, by its name; or a file (.txt, .tum: TUM's format; .csv: with a header)
-    count: int | None = None  # of random poses; null: 100
-    heading_step_deg: float | None = None  # random headings are multiples of it; null: any heading
-    cloud_points: int = 0  # at most, of cloud.ply; 0: no cloud. Needs a sensor with depth
-    processes: int = 1  # that render at the same time, to the same bytes
-    show: int = 20  # images that go into the logs
+    count: int | None = setting(None, at_least=1, at_most=1_000_000)  # of random poses; null: 100
+    heading_step_deg: float | None = setting(
+        None, at_least=1e-6, at_most=180
+    )  # random headings are multiples of it; null: any heading
+    cloud_points: int = setting(
+        0, at_least=0, at_most=MOST_POINTS
+    )  # at most, of cloud.ply; 0: no cloud. Needs a sensor with depth
+    processes: int = setting(1, at_least=1, at_most=1024)  # that render at the same time, to the same bytes
+    show: int = setting(20, at_least=0)  # images that go into the logs
 
     needs: ClassVar[tuple[str, ...]] = ("sensor",)
 
     def __post_init__(self) -> None:
+        check_settings(self, "study.")
         self._check_layout()
         if self.step_m is not None and (not 0 < self.step_m < math.inf or self.every is not None):
             raise ConfigError(
                 f"study.step_m={self.step_m} with study.every={self.every} makes no grid; give one of them, above 0"
             )
-        check_extent(self.extent_m)
         if self.heights_m is not None:
             check_heights(self.heights_m)
         check_positions(self.positions_m)
-        for name, least in {"every": 1, "count": 1, "processes": 1, "show": 0, "cloud_points": 0}.items():
-            value = getattr(self, name)
-            if value is not None and value < least:
-                raise ConfigError(f"study.{name}={value} is too few; give {least} or more")
-        if self.cloud_points > MOST_POINTS:
-            raise ConfigError(f"study.cloud_points={self.cloud_points} are too many; give at most {MOST_POINTS}")
 
     def _check_layout(self) -> None:
         """ConfigError for a setting of another layout."""

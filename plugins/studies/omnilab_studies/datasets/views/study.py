@@ -21,6 +21,8 @@ from omnilab.api import (
     Recorder,
     Report,
     Tick,
+    check_settings,
+    setting,
 )
 from omnilab.cameras import RayCamera
 from omnilab.errors import ConfigError
@@ -51,18 +53,19 @@ class Views:
 
     poses: list[Any] = field(default_factory=lambda: [list(pose) for pose in FIGURE_3_10])  # see above
     panoramas: bool = True  # also unwrap the images
-    cloud_points: int = 50_000  # at most so many points of each view go into the logs and the figure
+    cloud_points: int = setting(
+        50_000, at_least=1
+    )  # at most so many points of each view go into the logs and the figure
 
     needs: ClassVar[tuple[str, ...]] = ("sensor",)
 
     def __post_init__(self) -> None:
+        check_settings(self, "study.")
         wrong = [pose for pose in self.poses if not _is_pose(pose)]
         if wrong or not self.poses:
             raise ConfigError(
                 f"study.poses={wrong or self.poses} are no poses; give a list of [x, y, z, rx, ry, rz], metres and degrees"
             )
-        if self.cloud_points < 1:
-            raise ConfigError(f"study.cloud_points={self.cloud_points} shows nothing; give 1 or more")
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Take an image at every pose; log it with its panorama and its point cloud."""

@@ -18,11 +18,13 @@ from omnilab.api import (
     RecordedPoses,
     Recorder,
     Report,
+    check_settings,
+    setting,
 )
-from omnilab.errors import ConfigError, DataError
+from omnilab.errors import DataError
 from omnilab.metrics import distances_to, verdicts
 from omnilab_studies.common.frames import deliver, deliver_queries
-from omnilab_studies.common.grids import check_extent, check_step_or_every, grid_poses
+from omnilab_studies.common.grids import check_step_or_every, grid_poses
 from omnilab_studies.common.logs import start_logs
 from omnilab_studies.common.methods import Method, descriptors_of, key_of, methods_of, prepared
 from omnilab_studies.common.pose_sources import random_poses
@@ -46,25 +48,23 @@ class Cost:
     a place and the rate of nearest estimates.
     """
 
-    step_m: float | None = 0.4  # of the grid of places; null: take `every` n-th row and column of a recording
-    every: int | None = None  # 2: even rows and even columns; the rest are the queries
-    query_count: int = 200  # how many random queries, where step_m is given
-    repeats: int = 3  # comparisons of all queries with the map, of which the fastest counts
-    extent_m: list[float] | None = None  # x and y size of the grid; null: all that the sensor covers
+    step_m: float | None = setting(
+        0.4, above=0
+    )  # of the grid of places; null: take `every` n-th row and column of a recording
+    every: int | None = setting(None, at_least=2)  # 2: even rows and even columns; the rest are the queries
+    query_count: int = setting(200, at_least=1, at_most=1_000_000)  # how many random queries, where step_m is given
+    repeats: int = setting(3, at_least=1)  # comparisons of all queries with the map, of which the fastest counts
+    extent_m: list[float] | None = setting(
+        None, above=0, count=2
+    )  # x and y size of the grid; null: all that the sensor covers
     height_m: float | None = None  # of the viewpoint; null: the sensor's own
 
     needs: ClassVar[tuple[str, ...]] = ("sensor",)
     cached: ClassVar[bool] = False  # a cached signature takes no time
 
     def __post_init__(self) -> None:
+        check_settings(self, "study.")
         check_step_or_every(self.step_m, self.every)
-        if self.every is not None and self.every < 2:
-            raise ConfigError(f"study.every={self.every} leaves no queries; give 2 or more")
-        if self.query_count < 1:
-            raise ConfigError(f"study.query_count={self.query_count} asks nothing; give 1 or more")
-        if self.repeats < 1:
-            raise ConfigError(f"study.repeats={self.repeats} measures nothing; give 1 or more")
-        check_extent(self.extent_m)
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Take images, describe them by every descriptor, compare by every distance, measure the time of each."""

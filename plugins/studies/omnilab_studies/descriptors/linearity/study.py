@@ -21,11 +21,13 @@ from omnilab.api import (
     Series,
     Signatures,
     Tick,
+    check_settings,
+    setting,
 )
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses
 from omnilab_studies.common.frames import deliver
-from omnilab_studies.common.grids import check_extent, grid_poses
+from omnilab_studies.common.grids import grid_poses
 from omnilab_studies.common.logs import show_picture, start_logs
 from omnilab_studies.common.methods import (
     Method,
@@ -58,30 +60,28 @@ class Linearity:
     meet furniture or the grid's edge are left out whole. All images have the same heading, as in the papers.
     """
 
-    step_m: float = 0.1  # of the grid
-    reach_m: float = 2.2  # length of the lines
-    references: int = 24  # places that lines start from, drawn at random; each has one to four lines
-    every: int | None = None  # of a recording, whose every n-th row and column are step_m apart
+    step_m: float = setting(0.1, above=0)  # of the grid
+    reach_m: float = setting(2.2, above=0)  # length of the lines
+    references: int = setting(
+        24, at_least=1
+    )  # places that lines start from, drawn at random; each has one to four lines
+    every: int | None = setting(None, at_least=1)  # of a recording, whose every n-th row and column are step_m apart
     random_headings: bool = False  # at every place; only for sensors that image any pose
-    extent_m: list[float] | None = None  # x and y size of the grid; null: all that the sensor covers
+    extent_m: list[float] | None = setting(
+        None, above=0, count=2
+    )  # x and y size of the grid; null: all that the sensor covers
     height_m: float | None = None  # of the viewpoint; null: the sensor's own
-    show: int = 50  # images that go into the logs
+    show: int = setting(50, at_least=0)  # images that go into the logs
 
     needs: ClassVar[tuple[str, ...]] = ("sensor",)
 
     def __post_init__(self) -> None:
+        check_settings(self, "study.")
         if not 0 < self.step_m <= self.reach_m / 3:
             raise ConfigError(
                 f"study.step_m={self.step_m} makes no curve over study.reach_m={self.reach_m}; give a step above 0 m, and"
                 " at least 3 steps"
             )
-        if self.every is not None and self.every < 1:
-            raise ConfigError(f"study.every={self.every} takes no rows; give 1 or more")
-        if self.references < 1:
-            raise ConfigError(f"study.references={self.references} compares nothing; give 1 or more")
-        if self.show < 0:
-            raise ConfigError(f"study.show={self.show} shows nothing; give 0 for no pictures, or how many")
-        check_extent(self.extent_m)
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Draw lines, describe their images, compare the first image of each with the others, fit."""

@@ -19,11 +19,13 @@ from omnilab.api import (
     Report,
     Series,
     Tick,
+    check_settings,
+    setting,
 )
 from omnilab.errors import ConfigError, did_you_mean
 from omnilab.metrics import VERDICTS
 from omnilab_studies.common.frames import deliver
-from omnilab_studies.common.free_area import check_square, free_square, poses_with_headings, positions_within
+from omnilab_studies.common.free_area import free_square, poses_with_headings, positions_within
 from omnilab_studies.common.logs import show_signature, start_logs
 from omnilab_studies.common.method_runs import MethodCost, MethodRuns
 from omnilab_studies.common.methods import Method
@@ -50,19 +52,21 @@ class Resolution:
     reference; `smallest` is the size with fewest numbers whose rate of nearest answers is at most one point below.
     """
 
-    side: int = 8  # places along x and along y
-    step_m: float = 0.2  # between places
-    center_m: list[float] = field(default_factory=lambda: [0.0, 0.0])  # the map is the free square nearest to it
-    query_count: int = 500  # queries of each kind of headings, evenly over the map's area
+    side: int = setting(8, at_least=2, at_most=1000)  # places along x and along y
+    step_m: float = setting(0.2, above=0)  # between places
+    center_m: list[float] = setting([0.0, 0.0], count=2)  # the map is the free square nearest to it
+    query_count: int = setting(
+        500, at_least=1, at_most=1_000_000
+    )  # queries of each kind of headings, evenly over the map's area
     height_m: float | None = None  # of the viewpoint; null: the sensor's own
     settings: list[str] = field(default_factory=lambda: ["offsets", "angles"])  # two of the descriptor; angles last
-    sizes: list[list[int]] = field(default_factory=lambda: [list(size) for size in THESIS])  # values, largest first
+    sizes: list[list[int]] = setting([list(size) for size in THESIS], at_least=1, fewest=1)  # values, largest first
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "descriptor", "distance", "localizer")
     cached: ClassVar[bool] = False  # it measures time
 
     def __post_init__(self) -> None:
-        check_square(self.side, self.step_m, self.center_m, self.query_count)
+        check_settings(self, "study.")
         if len(self.settings) != 2:
             raise ConfigError(f"study.settings={self.settings} are not two; give such as [offsets, angles]")
         if not self.sizes or any(len(size) != 2 or min(size) < 1 for size in self.sizes):
@@ -91,11 +95,11 @@ class Resolution:
     def _sized(self, descriptor: Any) -> dict[str, Any]:
         """The descriptor in every size."""
         known = [f.name for f in fields(descriptor)]
-        for setting in self.settings:
-            if setting not in known:
+        for name in self.settings:
+            if name not in known:
                 raise ConfigError(
-                    f"study.settings names '{setting}', which is no setting of {type(descriptor).__name__};"
-                    f" there is {', '.join(known)}{did_you_mean(setting, known)}"
+                    f"study.settings names '{name}', which is no setting of {type(descriptor).__name__};"
+                    f" there is {', '.join(known)}{did_you_mean(name, known)}"
                 )
         sizes = (dict(zip(self.settings, size, strict=True)) for size in self.sizes)
         return {" x ".join(str(v) for v in size.values()): replace(descriptor, **size) for size in sizes}

@@ -8,11 +8,24 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from omnilab.api import Floats, Frames, Parts, PlaceMap, Plan, Recorder, Report, Sensor, Series, Text, Tick
-from omnilab.errors import ConfigError
+from omnilab.api import (
+    Floats,
+    Frames,
+    Parts,
+    PlaceMap,
+    Plan,
+    Recorder,
+    Report,
+    Sensor,
+    Series,
+    Text,
+    Tick,
+    check_settings,
+    setting,
+)
 from omnilab_studies.common.disturbance_levels import Level, check_levels, levels_of
 from omnilab_studies.common.frames import deliver, disturbed
-from omnilab_studies.common.free_area import check_square, free_square, poses_with_headings, positions_within
+from omnilab_studies.common.free_area import free_square, poses_with_headings, positions_within
 from omnilab_studies.common.localization_run import estimate_of
 from omnilab_studies.common.logs import show_picture, start_logs
 from omnilab_studies.common.method_runs import MethodCost, MethodRuns
@@ -37,11 +50,13 @@ class Robustness:
     the first query, one step a level.
     """
 
-    side: int = 8  # places along x and along y
-    step_m: float = 0.2  # between places
-    center_m: list[float] = field(default_factory=lambda: [0.0, 0.0])  # the map is the free square nearest to it
-    query_count: int = 200  # queries at each level, evenly over the map's area
-    heading_steps: int | None = None  # headings are multiples of 360/heading_steps degrees; null: any heading
+    side: int = setting(8, at_least=2, at_most=1000)  # places along x and along y
+    step_m: float = setting(0.2, above=0)  # between places
+    center_m: list[float] = setting([0.0, 0.0], count=2)  # the map is the free square nearest to it
+    query_count: int = setting(200, at_least=1, at_most=1_000_000)  # queries at each level, evenly over the map's area
+    heading_steps: int | None = setting(
+        None, at_least=1, at_most=1_000_000
+    )  # headings are multiples of 360/heading_steps degrees; null: any heading
     height_m: float | None = None  # of the viewpoint; null: the sensor's own
     levels: dict[str, dict[str, list[Any]]] = field(default_factory=dict)  # of a disturbance: {setting: [values]}
 
@@ -49,11 +64,7 @@ class Robustness:
     cached: ClassVar[bool] = False  # it measures time
 
     def __post_init__(self) -> None:
-        check_square(self.side, self.step_m, self.center_m, self.query_count)
-        if self.heading_steps is not None and self.heading_steps < 1:
-            raise ConfigError(
-                f"study.heading_steps={self.heading_steps} are no headings; give 1 or more, or null for any"
-            )
+        check_settings(self, "study.")
         check_levels(self.levels)
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:

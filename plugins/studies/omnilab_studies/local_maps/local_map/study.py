@@ -3,25 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from omnilab.api import (
-    Frames,
-    Parts,
-    PlaceMap,
-    Plan,
-    Recorder,
-    Report,
-    Series,
-    Tick,
-)
-from omnilab.errors import ConfigError, DataError
+from omnilab.api import Frames, Parts, PlaceMap, Plan, Recorder, Report, Series, Tick, check_settings, setting
+from omnilab.errors import DataError
 from omnilab.geometry import procrustes
 from omnilab_studies.common.frames import deliver, deliver_queries
-from omnilab_studies.common.grids import check_extent, check_step, grid_poses
+from omnilab_studies.common.grids import grid_poses
 from omnilab_studies.common.logs import show_picture, start_logs
 from omnilab_studies.common.methods import Method, descriptors_of, fitted_all, methods_of
 from omnilab_studies.common.pose_sources import random_poses
@@ -61,31 +52,20 @@ class LocalMap:
     the first step and number of neighbours. A descriptor to be trained is trained on the places of the first step.
     """
 
-    steps_m: list[float] = field(default_factory=lambda: [0.1, 0.2, 0.3, 0.4])  # of the grids of places
-    neighbours: list[int] = field(default_factory=lambda: [9, 25, 49])  # places in a map
-    query_count: int = 500  # random queries, at any heading
-    starts: int = 4  # maps of each query, each from a start of its own and scored apart
-    extent_m: list[float] | None = None  # x and y size of the grids; null: all that the sensor covers
+    steps_m: list[float] = setting([0.1, 0.2, 0.3, 0.4], above=0, fewest=1)  # of the grids of places
+    neighbours: list[int] = setting([9, 25, 49], at_least=3, fewest=1)  # places in a map
+    query_count: int = setting(500, at_least=1, at_most=1_000_000)  # random queries, at any heading
+    starts: int = setting(4, at_least=1)  # maps of each query, each from a start of its own and scored apart
+    extent_m: list[float] | None = setting(
+        None, above=0, count=2
+    )  # x and y size of the grids; null: all that the sensor covers
     height_m: float | None = None  # of the viewpoint; null: the sensor's own
-    show: int = 4  # queries whose map is shown as it settles
+    show: int = setting(4, at_least=1)  # queries whose map is shown as it settles
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "descriptor", "distance", "localizers")
 
     def __post_init__(self) -> None:
-        for step_m in self.steps_m:
-            check_step(step_m)
-        if not self.steps_m or not self.neighbours:
-            raise ConfigError(
-                "study.steps_m and study.neighbours try nothing without a value; give one or more of each"
-            )
-        if min(self.neighbours) < 3:
-            raise ConfigError(
-                f"study.neighbours={self.neighbours}: {min(self.neighbours)} places span no plane; give 3 or more"
-            )
-        for name in ("query_count", "starts", "show"):
-            if getattr(self, name) < 1:
-                raise ConfigError(f"study.{name}={getattr(self, name)} makes no map; give 1 or more")
-        check_extent(self.extent_m)
+        check_settings(self, "study.")
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Find candidates, measure their distances, embed, fit, score: per step, number of neighbours, method, localizer."""

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from omnilab.api import GridPoses, Parts, Plan, RecordedPoses
+from omnilab.api import GridPoses, Parts, Plan, RecordedPoses, setting
 from omnilab.errors import ConfigError
 from omnilab.metrics import spacing
-from omnilab_studies.common.free_area import check_square, free_square, poses_with_headings, positions_within
+from omnilab_studies.common.free_area import free_square, poses_with_headings, positions_within
 from omnilab_studies.common.pose_sources import changed
 from omnilab_studies.common.scores import known_poses
 from omnilab_studies.local_maps.local_map.study import LocalMap
@@ -27,20 +27,17 @@ class Room(LocalMap):
     spoil the queries, so that a sweep over occlusion compares with and without.
     """
 
-    steps_m: list[float] = field(default_factory=lambda: [0.2])  # of a virtual map
-    neighbours: list[int] = field(default_factory=lambda: [9])  # places in a map
-    query_count: int = 13  # within the map
-    starts: int = 50  # maps of each query, each from a start of its own and scored apart
-    side: int = 8  # places along x and along y
-    center_m: list[float] = field(default_factory=lambda: [0.0, 0.0])  # the map is the free square nearest to it
-    every: int | None = None  # 1: all that was recorded; null: virtual
+    steps_m: list[float] = setting([0.2], above=0, fewest=1)  # of a virtual map
+    neighbours: list[int] = setting([9], at_least=3, fewest=1)  # places in a map
+    query_count: int = setting(13, at_least=1, at_most=1_000_000)  # within the map
+    starts: int = setting(50, at_least=1)  # maps of each query, each from a start of its own and scored apart
+    side: int = setting(8, at_least=2, at_most=1000)  # places along x and along y
+    center_m: list[float] = setting([0.0, 0.0], count=2)  # the map is the free square nearest to it
+    every: int | None = setting(None, at_least=1)  # 1: all that was recorded; null: virtual
     tests: dict[str, Any] = field(default_factory=dict)  # settings of the sensor of recorded queries; none: the rest
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_square(self.side, self.steps_m[0], self.center_m, self.query_count)
-        if self.every is not None and self.every < 1:
-            raise ConfigError(f"study.every={self.every} takes no rows; give 1 or more")
         if self.every is None and (self.tests or len(self.steps_m) > 1):
             raise ConfigError(
                 f"study.tests={self.tests}, study.steps_m={self.steps_m}: a virtual room takes no tests and one step; give"

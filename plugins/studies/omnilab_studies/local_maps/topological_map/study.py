@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -19,12 +19,13 @@ from omnilab.api import (
     Report,
     Text,
     Tick,
+    check_settings,
+    setting,
 )
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses, spanned
 from omnilab_studies.common.frames import deliver
 from omnilab_studies.common.free_area import window
-from omnilab_studies.common.grids import check_step
 from omnilab_studies.common.logs import show_picture, start_logs
 from omnilab_studies.common.methods import fitted_all, methods_of
 from omnilab_studies.common.scores import known_poses
@@ -55,31 +56,18 @@ class TopologicalMap:
     Positions play no part before the fit.
     """
 
-    steps_m: list[float] = field(default_factory=lambda: [0.1, 0.3, 0.5])  # of the grids
-    nodes: list[int] = field(default_factory=lambda: [22, 11])  # at most, along x and y
-    center_m: list[float] = field(default_factory=lambda: [0.0, 0.0])  # the grid with the fewest gaps nearest to it
-    links: list[int] = field(default_factory=lambda: [0, 8])  # most alike images that count; 0: all of them do
+    steps_m: list[float] = setting([0.1, 0.3, 0.5], above=0, fewest=1)  # of the grids
+    nodes: list[int] = setting([22, 11], at_least=2, count=2)  # at most, along x and y
+    center_m: list[float] = setting([0.0, 0.0], count=2)  # the grid with the fewest gaps nearest to it
+    links: list[int] = setting([0, 8], at_least=0, fewest=1)  # most alike images that count; 0: all of them do
     random_headings: bool = False  # turn the camera at every node; only for sensors that image any pose
     height_m: float | None = None  # of the viewpoint; null: the sensor's own
-    show: int = 20  # images of each grid that go into the logs
+    show: int = setting(20, at_least=0)  # images of each grid that go into the logs
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "localizers")
 
     def __post_init__(self) -> None:
-        for step_m in self.steps_m:
-            check_step(step_m)
-        if not self.steps_m or not self.links:
-            raise ConfigError("study.steps_m and study.links make no map without a value; give one or more of each")
-        if len(self.nodes) != 2 or min(self.nodes) < 2:
-            raise ConfigError(f"study.nodes={list(self.nodes)} are no grid; give 2 or more along x and along y")
-        if len(self.center_m) != 2 or not np.isfinite(self.center_m).all():
-            raise ConfigError(f"study.center_m={list(self.center_m)} is no position; give [x, y] in metres")
-        if min(self.links) < 0:
-            raise ConfigError(
-                f"study.links={list(self.links)}: {min(self.links)} link nothing; give 0 for all, or how many"
-            )
-        if self.show < 0:
-            raise ConfigError(f"study.show={self.show} shows nothing; give 0 for no pictures, or how many")
+        check_settings(self, "study.")
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Describe, compare all with all, embed, fit: for every step, method, links and localizer."""

@@ -23,11 +23,13 @@ from omnilab.api import (
     Series,
     Text,
     Tick,
+    check_settings,
+    setting,
 )
 from omnilab.errors import ConfigError
 from omnilab.metrics import VERDICTS, bootstrap
 from omnilab_studies.common.frames import deliver_queries
-from omnilab_studies.common.grids import check_extent, check_step_or_every, grid_poses
+from omnilab_studies.common.grids import check_step_or_every, grid_poses
 from omnilab_studies.common.localization_run import estimate_of
 from omnilab_studies.common.logs import show_picture, start_logs
 from omnilab_studies.common.method_runs import MethodRuns
@@ -54,21 +56,25 @@ class Changes:
     """
 
     conditions: dict[str, dict[str, Any]] = field(default_factory=dict)  # name: {setting of the sensor: value}
-    step_m: float | None = 0.2  # of the grid of places; null: take `every` n-th row and column of a recording
-    every: int | None = None  # 1: all that was recorded
-    extent_m: list[float] | None = None  # x and y size of the grid; null: all that the sensor covers
+    step_m: float | None = setting(
+        0.2, above=0
+    )  # of the grid of places; null: take `every` n-th row and column of a recording
+    every: int | None = setting(None, at_least=1)  # 1: all that was recorded
+    extent_m: list[float] | None = setting(
+        None, above=0, count=2
+    )  # x and y size of the grid; null: all that the sensor covers
     height_m: float | None = None  # of the viewpoint; null: the sensor's own
     queries: Source = Source.random  # or recorded
-    query_count: int = 200  # of each condition
-    heading_step_deg: float | None = None  # random headings are multiples of it; null: any heading
+    query_count: int = setting(200, at_least=1, at_most=1_000_000)  # of each condition
+    heading_step_deg: float | None = setting(
+        None, at_least=1e-6, at_most=180
+    )  # random headings are multiples of it; null: any heading
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "localizer")
 
     def __post_init__(self) -> None:
+        check_settings(self, "study.")
         check_step_or_every(self.step_m, self.every)
-        check_extent(self.extent_m)
-        if self.query_count < 1:
-            raise ConfigError(f"study.query_count={self.query_count} asks nothing; give 1 or more")
         if self.queries not in (Source.random, Source.recorded):
             raise ConfigError(f"study.queries={self.queries.value} is not possible here; give random or recorded")
 

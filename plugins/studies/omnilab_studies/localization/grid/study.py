@@ -8,11 +8,22 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from omnilab.api import GridPoses, Image, Parts, PlaceMap, Plan, PoseRequest, RecordedPoses, Recorder, Report
-from omnilab.errors import ConfigError
+from omnilab.api import (
+    GridPoses,
+    Image,
+    Parts,
+    PlaceMap,
+    Plan,
+    PoseRequest,
+    RecordedPoses,
+    Recorder,
+    Report,
+    check_settings,
+    setting,
+)
 from omnilab_studies.common.describing import describe_places, fitted
 from omnilab_studies.common.frames import disturbed
-from omnilab_studies.common.grids import check_extent, check_step_or_every, grid_poses
+from omnilab_studies.common.grids import check_step_or_every, grid_poses
 from omnilab_studies.common.localization_metrics import localization_metrics, map_metrics
 from omnilab_studies.common.localization_run import LocalizationRun
 from omnilab_studies.common.logs import start_logs
@@ -46,26 +57,26 @@ class Grid:
     distances over the map (eq. 4.6), and the bytes a place takes. Disturbances apply to the queries, never to the places.
     """
 
-    step_m: float | None = 0.2  # of the grid of places; null: take `every` n-th row and column of a recording
-    every: int | None = None  # 2: even rows and even columns
+    step_m: float | None = setting(
+        0.2, above=0
+    )  # of the grid of places; null: take `every` n-th row and column of a recording
+    every: int | None = setting(None, at_least=1)  # 2: even rows and even columns
     queries: Queries = Queries.random  # random poses, or the rest of a recording
-    query_count: int = 3500  # how many random queries
-    heading_step_deg: float | None = None  # random headings are multiples of it; null: any heading
-    extent_m: list[float] | None = None  # x and y size of the grid; null: all that the sensor covers
+    query_count: int = setting(3500, at_least=1, at_most=1_000_000)  # how many random queries
+    heading_step_deg: float | None = setting(
+        None, at_least=1e-6, at_most=180
+    )  # random headings are multiples of it; null: any heading
+    extent_m: list[float] | None = setting(
+        None, above=0, count=2
+    )  # x and y size of the grid; null: all that the sensor covers
     height_m: float | None = None  # of the viewpoint; null: the sensor's own
-    show: int = 100  # queries whose images go into the logs; the numbers of all of them do
+    show: int = setting(100, at_least=0)  # queries whose images go into the logs; the numbers of all of them do
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "descriptor", "distance", "localizer")
 
     def __post_init__(self) -> None:
+        check_settings(self, "study.")
         check_step_or_every(self.step_m, self.every)
-        if self.every is not None and self.every < 1:
-            raise ConfigError(f"study.every={self.every} takes no rows; give 1 or more")
-        if self.query_count < 1:
-            raise ConfigError(f"study.query_count={self.query_count} asks nothing; give 1 or more")
-        if self.show < 0:
-            raise ConfigError(f"study.show={self.show} shows nothing; give 0 for no pictures, or how many")
-        check_extent(self.extent_m)
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Describe the places, localise the queries, score: `queries.csv` has a row per query (`query_table`)."""

@@ -25,11 +25,12 @@ from omnilab.api import (
     Series,
     Signatures,
     Tick,
+    check_settings,
+    setting,
 )
 from omnilab.errors import ConfigError
 from omnilab_studies.common.describing import describe, describe_places, fitted
 from omnilab_studies.common.frames import deliver_queries
-from omnilab_studies.common.grids import check_step
 from omnilab_studies.common.logs import show_frame, start_logs
 from omnilab_studies.common.methods import joined_signatures
 from omnilab_studies.common.scores import known_poses
@@ -56,18 +57,15 @@ class LargeMap:
     slopes in the log-log figure. A trainable descriptor is trained on the first map alone.
     """
 
-    steps_m: list[float] = field(default_factory=lambda: [0.2, 0.12, 0.07, 0.04])  # of the grids in the sensor's world
+    steps_m: list[float] = setting([0.2, 0.12, 0.07, 0.04], above=0, fewest=1)  # of the grids in the sensor's world
     worlds: list[str] = field(default_factory=list)  # then added one after the other, at the last step; virtual sensors
-    query_count: int = 200  # random poses, shared out evenly over the worlds
+    query_count: int = setting(200, at_least=1, at_most=1_000_000)  # random poses, shared out evenly over the worlds
     height_m: float | None = None  # of the viewpoint; null: the sensor's own
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "descriptor", "distance", "localizer", "localizers")
 
     def __post_init__(self) -> None:
-        if not self.steps_m:
-            raise ConfigError("study.steps_m=[] makes no map; give one step or more, in metres")
-        for step in self.steps_m:
-            check_step(step)
+        check_settings(self, "study.")
         if self.query_count <= len(self.worlds):
             raise ConfigError(
                 f"study.query_count={self.query_count} leaves worlds without a query; give {len(self.worlds) + 1} or more"

@@ -19,12 +19,12 @@ from omnilab.api import (
     Report,
     Tick,
     Trainable,
+    check_settings,
+    setting,
 )
-from omnilab.errors import ConfigError
 from omnilab.geometry import heading_of, wrap_angle
 from omnilab_studies.common.describing import describe
 from omnilab_studies.common.frames import deliver_queries
-from omnilab_studies.common.grids import check_extent
 from omnilab_studies.common.localization_metrics import localization_metrics, map_metrics
 from omnilab_studies.common.localization_run import LocalizationRun
 from omnilab_studies.common.logs import show_frame, start_logs
@@ -48,22 +48,24 @@ class Localize:
     """
 
     queries: Source = Source.random  # random, path or recorded
-    query_count: int = 500  # how many random queries
+    query_count: int = setting(500, at_least=1, at_most=1_000_000)  # how many random queries
     path: str = "route"  # of the world, where queries=path
-    heading_step_deg: float | None = None  # random headings are multiples of it; null: any heading
-    extent_m: list[float] | None = None  # x and y size of the area of random queries; null: all that the sensor covers
+    heading_step_deg: float | None = setting(
+        None, at_least=1e-6, at_most=180
+    )  # random headings are multiples of it; null: any heading
+    extent_m: list[float] | None = setting(
+        None, above=0, count=2
+    )  # x and y size of the area of random queries; null: all that the sensor covers
     height_m: float | None = None  # of the viewpoint; null: the sensor's own
-    odometry_noise: float | None = None  # standard deviation in parts of each motion; null: no odometry
-    show: int = 100  # queries whose images go into the logs; the numbers of all of them do
+    odometry_noise: float | None = setting(
+        None, at_least=0
+    )  # standard deviation in parts of each motion; null: no odometry
+    show: int = setting(100, at_least=0)  # queries whose images go into the logs; the numbers of all of them do
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "map", "localizer")  # the map brings descriptor and distance
 
     def __post_init__(self) -> None:
-        if self.query_count < 1:
-            raise ConfigError(f"study.query_count={self.query_count} asks nothing; give 1 or more")
-        if self.odometry_noise is not None and not self.odometry_noise >= 0:
-            raise ConfigError(f"study.odometry_noise={self.odometry_noise:g} is no deviation; give 0 or more, or null")
-        check_extent(self.extent_m)
+        check_settings(self, "study.")
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Localise; score where the poses of the queries are known."""

@@ -19,13 +19,15 @@ from omnilab.api import (
     Recorder,
     Report,
     Tick,
+    check_settings,
+    setting,
 )
 from omnilab.errors import ConfigError
 from omnilab.geometry import heading_of
 from omnilab.metrics import spacing
 from omnilab_studies.common.describing import describe_places, fitted
 from omnilab_studies.common.frames import deliver
-from omnilab_studies.common.grids import check_extent, check_step_or_every, grid_poses
+from omnilab_studies.common.grids import check_step_or_every, grid_poses
 from omnilab_studies.common.logs import show_frame, start_logs
 from omnilab_studies.common.pose_sources import Source
 from omnilab_studies.common.samples import evenly
@@ -42,21 +44,23 @@ class MapStudy:
     """
 
     places: Source = Source.grid  # grid, path or recorded
-    step_m: float | None = 0.2  # of a grid; null: take `every` n-th row and column of a recording
-    every: int | None = None  # 2: even rows and even columns
-    extent_m: list[float] | None = None  # x and y size of the grid; null: all that the sensor covers
+    step_m: float | None = setting(0.2, above=0)  # of a grid; null: take `every` n-th row and column of a recording
+    every: int | None = setting(None, at_least=1)  # 2: even rows and even columns
+    extent_m: list[float] | None = setting(
+        None, above=0, count=2
+    )  # x and y size of the grid; null: all that the sensor covers
     path: str = "route"  # of the world, where places=path
     height_m: float | None = None  # of the viewpoint; null: the sensor's own
-    show: int = 20  # places whose pictures go into the logs
+    show: int = setting(20, at_least=0)  # places whose pictures go into the logs
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "descriptor", "distance")
 
     def __post_init__(self) -> None:
+        check_settings(self, "study.")
         if self.places is Source.random:
             raise ConfigError("study.places=random makes no map; give grid, path or recorded")
         if self.places is Source.grid:
             check_step_or_every(self.step_m, self.every)
-        check_extent(self.extent_m)
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:  # noqa: ARG002
         """Describe the places, log some of them, return the map."""

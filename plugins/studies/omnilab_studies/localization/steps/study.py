@@ -3,18 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from omnilab.api import Answers, Metric, Parts, PlaceMap, Plan, Recorder, Report, Sensor, Series, Tick
-from omnilab.errors import ConfigError
+from omnilab.api import (
+    Answers,
+    Metric,
+    Parts,
+    PlaceMap,
+    Plan,
+    Recorder,
+    Report,
+    Sensor,
+    Series,
+    Tick,
+    check_settings,
+    setting,
+)
 from omnilab.geometry import heading_of
 from omnilab.metrics import VERDICTS, bootstrap
 from omnilab_studies.common.frames import deliver
 from omnilab_studies.common.free_area import poses_with_headings
-from omnilab_studies.common.grids import check_extent, check_step, grid_poses
+from omnilab_studies.common.grids import grid_poses
 from omnilab_studies.common.logs import show_picture, start_logs
 from omnilab_studies.common.method_runs import MethodCost, MethodRuns
 from omnilab_studies.common.methods import key_of
@@ -37,24 +49,20 @@ class Steps:
     and the mean heading error of every method. `experiment=grid` shows one step in depth.
     """
 
-    steps_m: list[float] = field(default_factory=lambda: [0.1, 0.2, 0.3, 0.4])  # of the maps
-    extent_m: list[float] | None = None  # x and y size of the maps; null: all that the sensor covers
+    steps_m: list[float] = setting([0.1, 0.2, 0.3, 0.4], above=0, fewest=1)  # of the maps
+    extent_m: list[float] | None = setting(
+        None, above=0, count=2
+    )  # x and y size of the maps; null: all that the sensor covers
     height_m: float | None = None  # of the viewpoint; null: the sensor's own
-    query_count: int = 3500  # of each kind of headings
-    heading_steps: int = 180  # angles of the descriptor's grid, in a full rotation
+    query_count: int = setting(3500, at_least=1, at_most=1_000_000)  # of each kind of headings
+    heading_steps: int = setting(
+        180, at_least=1, at_most=1_000_000
+    )  # angles of the descriptor's grid, in a full rotation
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "localizer")
 
     def __post_init__(self) -> None:
-        if not self.steps_m:
-            raise ConfigError("study.steps_m=[] makes no map; give steps in metres, such as [0.2, 0.4]")
-        for step_m in self.steps_m:
-            check_step(step_m)
-        check_extent(self.extent_m)
-        if min(self.query_count, self.heading_steps) < 1:
-            raise ConfigError(
-                f"study.query_count={self.query_count}, study.heading_steps={self.heading_steps} ask nothing; give 1 or more"
-            )
+        check_settings(self, "study.")
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Map after map: describe the places, localise the queries with both kinds of headings, score."""

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from omnilab.api import Metric, Parts, Recorder, Report, ViewFilter
+from omnilab.api import Metric, Parts, Recorder, Report, ViewFilter, check_settings, setting
 from omnilab.errors import ConfigError
 from omnilab_studies.common.tables import columns_of, markdown
 from omnilab_studies.view_slam import figures
@@ -16,7 +16,6 @@ from omnilab_studies.view_slam.display import show_drive
 from omnilab_studies.view_slam.drives import Drive, Drives
 from omnilab_studies.view_slam.filter_comparison import (
     FilterComparison,
-    check_seeds,
     counts,
     filters_of,
     seeds_of,
@@ -37,22 +36,20 @@ class ViewCount:
     they depend on what else the machine does. `exponent` there is the slope of log time over log N.
     """
 
-    counts: list[int] = field(default_factory=lambda: [2, 4, 8, 16, 32, 64, 100])  # of views
-    range_m: float = 9.0  # of observation
+    counts: list[int] = setting([2, 4, 8, 16, 32, 64, 100], at_least=1, at_most=10_000, fewest=2)  # of views
+    range_m: float = setting(9.0, above=0)  # of observation
     scenario: str = "open"  # a shipped one, or a YAML file
-    seeds: int = 50  # drives
-    fewer_seeds: dict[str, int] = field(default_factory=dict)  # of a slow filter, by its name
+    seeds: int = setting(50, at_least=2)  # drives
+    fewer_seeds: dict[str, int] = setting({}, at_least=2)  # of a slow filter, by its name
     drives: Drives = field(default_factory=Drives)  # laps, noise, mishaps
 
     needs: ClassVar[tuple[str, ...]] = ()
     cached: ClassVar[bool] = False  # it measures time
 
     def __post_init__(self) -> None:
-        check_seeds(self.seeds, self.fewer_seeds)
+        check_settings(self, "study.")
         if len(self.counts) < 2 or self.counts != sorted(set(self.counts)) or self.counts[0] < 1:
             raise ConfigError(f"study.counts={self.counts} is no scale; give two or more numbers above 0, ascending")
-        if not 0 < self.range_m < np.inf:
-            raise ConfigError(f"study.range_m={self.range_m} is no range; give metres above 0")
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Run every filter on the same drives, with ever more views; measure errors and time."""

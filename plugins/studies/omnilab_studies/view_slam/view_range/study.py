@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from omnilab.api import Metric, Parts, Recorder, Report, ViewFilter
+from omnilab.api import Metric, Parts, Recorder, Report, ViewFilter, check_settings, setting
 from omnilab.errors import ConfigError
 from omnilab_studies.common.tables import columns_of, markdown
 from omnilab_studies.view_slam import figures
@@ -16,7 +16,6 @@ from omnilab_studies.view_slam.display import show_drive
 from omnilab_studies.view_slam.drives import Drive, Drives
 from omnilab_studies.view_slam.filter_comparison import (
     FilterComparison,
-    check_seeds,
     counts,
     filters_of,
     seeds_of,
@@ -50,26 +49,24 @@ class ViewRange:
     step, and `nees_within` is the share of steps where that mean lies within its 95 % bounds (3 is expected, 0.95).
     """
 
-    ranges_m: list[float] = field(default_factory=lambda: [1.5, 3.0, 4.5, 6.0, 7.5, 9.0, 10.5, 12.0, 15.0])  # of views
+    ranges_m: list[float] = setting([1.5, 3.0, 4.5, 6.0, 7.5, 9.0, 10.5, 12.0, 15.0], above=0, fewest=1)  # of views
     scenarios: list[str] = field(default_factory=lambda: ["open", "walls"])  # shipped ones, or YAML files
-    views: int = 12  # on the first lap
-    seeds: int = 50  # drives
-    fewer_seeds: dict[str, int] = field(default_factory=dict)  # of a slow filter, by its name
+    views: int = setting(12, at_least=1, at_most=10_000)  # on the first lap
+    seeds: int = setting(50, at_least=2)  # drives
+    fewer_seeds: dict[str, int] = setting({}, at_least=2)  # of a slow filter, by its name
     drives: Drives = field(default_factory=Drives)  # laps, noise, mishaps
-    converged_share: float = 0.25  # of odometry's error
-    shown_range_m: float = 7.5  # of the drive in the logs: the first seed's in the last scenario, by the first filter
+    converged_share: float = setting(0.25, above=0, below=1)  # of odometry's error
+    shown_range_m: float = setting(
+        7.5, above=0
+    )  # of the drive in the logs: the first seed's in the last scenario, by the first filter
 
     needs: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
-        check_seeds(self.seeds, self.fewer_seeds)
+        check_settings(self, "study.")
         if not (self.ranges_m and self.scenarios and self.ranges_m == sorted(self.ranges_m) and self.ranges_m[0] > 0):
             raise ConfigError(
                 f"study.ranges_m={self.ranges_m} in scenarios {self.scenarios}; give both, ranges ascending"
-            )
-        if self.views < 1 or not 0 < self.converged_share < 1 or not self.shown_range_m > 0:
-            raise ConfigError(
-                "study.views is below 1, converged_share not between 0 and 1, or shown_range_m not above 0"
             )
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
