@@ -21,6 +21,8 @@ class DataError(OmnilabError):
 class PluginError(OmnilabError):
     """A plugin does not keep the contract."""
 
+    item: int | None = None  # which of the images, queries, ... of a batch it is about
+
 
 def did_you_mean(word: str, known: Iterable[str], prefix: str = "") -> str:
     """A suggestion in brackets, or nothing."""

@@ -110,6 +110,8 @@ def adapt(kind: str, name: str, cls: type[Any]) -> str:
 def hint(cls: type[Any], lacking: Sequence[str]) -> str:
     """For a class that lacks members: which of its own are these by their old names."""
     found = [f"`{old}` is called `{new}` now" for old, new in MEMBERS.items() if new in lacking and hasattr(cls, old)]
+    if "rotation" in lacking:
+        found.append(f"rotation is one of {', '.join(ROTATIONS.values())}")
     return f" ({'; '.join(found)})" if found else ""
 
 

@@ -14,6 +14,7 @@ from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 from omnilab.api import KINDS
 from omnilab.api.settings import out_of_range
 from omnilab.errors import ConfigError, DataError
+from omnilab.runner.boundaries import check_declared
 from omnilab.runner.config import Run, Settings, components_of, logs_folder, structured
 from omnilab.runner.map_file import about_map, map_file
 from omnilab.runner.registry import DICTS, Registry, members
@@ -134,6 +135,7 @@ def _check_slot(path: str, kind: str, value: Any, registry: Registry) -> None:
     lacking = [member for member in members(KINDS[kind].protocol) if not hasattr(value, member)]
     if lacking:
         raise ConfigError(f"{path} is a {type(value).__name__}, which lacks {', '.join(lacking)}; choose a {kind}")
+    check_declared(kind, value, registry.title_of(kind, value))
 
 
 def again(saved: Mapping[str, Any], manifest: Mapping[str, Any], registry: Registry) -> Run:

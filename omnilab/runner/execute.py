@@ -10,7 +10,6 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -18,8 +17,9 @@ from typing import Any
 import numpy as np
 from omegaconf import OmegaConf
 
-from omnilab.api import Parts, Report, Text, is_cached
+from omnilab.api import KINDS, Parts, Report, Text, is_cached
 from omnilab.errors import OmnilabError
+from omnilab.runner.boundaries import check_report, ending, guard
 from omnilab.runner.config import Run, named_components, resolved, resolved_yaml
 from omnilab.runner.fingerprint import file_digests
 from omnilab.runner.map_file import FILE, load_places, save_map
@@ -49,6 +49,7 @@ def execute(run: Run, folder: Path, registry: Registry, overrides: Sequence[str]
             for failure in registry.failures:
                 log.info("%s", failure.sentence)  # the command line has printed it
             report: Report = run.study.run(_parts(run, registry, cache), recorder, np.random.default_rng(run.seed))
+            check_report(report, registry.title_of("study", run.study))
             _log_results(report, recorder)
             run_folder.write(report)
             if report.map is not None:
@@ -56,9 +57,11 @@ def execute(run: Run, folder: Path, registry: Registry, overrides: Sequence[str]
     except KeyboardInterrupt:
         run_folder.status(INTERRUPTED, sinks_dropped=recorder.dropped)
         raise
-    except Exception as error:
+    except BaseException as error:
         log.error("the run failed: %s", error, exc_info=not isinstance(error, OmnilabError))
         run_folder.status(FAILED, error=f"{type(error).__name__}: {error}", sinks_dropped=recorder.dropped)
+        if not isinstance(error, Exception):
+            raise ending(error, registry.title_of("study", run.study)) from error
         raise
     else:
         run_folder.status(DONE, sinks_dropped=recorder.dropped)
@@ -114,13 +117,22 @@ def _cache(run: Run) -> SignatureCache | None:
 
 
 def _parts(run: Run, registry: Registry, cache: SignatureCache | None) -> Parts:
+    """The components that the study is given: descriptors with the cache, and all of them guarded."""
+
+    def given(kind: str, component: Any) -> Any:
+        if component is None:
+            return None
+        title = registry.title_of(kind, component)
+        return guard(cache.wrap(component) if cache and kind == "descriptor" else component, kind, title)
+
+    parts: dict[str, Any] = {"map": run.map and load_places(Path(run.map))}
+    for kind in (kind for kind in KINDS.values() if kind.part):
+        if kind.slot:
+            parts[kind.name] = given(kind.name, getattr(run, kind.name))
+        if kind.many:
+            parts[kind.plural] = {name: given(kind.name, one) for name, one in getattr(run, kind.plural).items()}
     own = {name: registry.get("distance", d.default_distance).cls() for name, d in run.descriptors.items()}
-    parts = {f.name: getattr(run, f.name) for f in fields(Parts) if hasattr(run, f.name)}
-    if cache is not None:
-        parts["descriptor"] = run.descriptor and cache.wrap(run.descriptor)
-        parts["descriptors"] = {name: cache.wrap(d) for name, d in run.descriptors.items()}
-    parts["map"] = run.map and load_places(Path(run.map))
-    return Parts(**parts, default_distances=own)
+    return Parts(**parts, default_distances={name: given("distance", one) for name, one in own.items()})
 
 
 @contextmanager

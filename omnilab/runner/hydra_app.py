@@ -19,6 +19,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from omnilab.errors import ConfigError, DataError, OmnilabError, did_you_mean
+from omnilab.runner.boundaries import ending
 from omnilab.runner.build import build
 from omnilab.runner.config import Run, logs_folder
 from omnilab.runner.execute import execute
@@ -112,6 +113,8 @@ def _run(config: DictConfig, registry: Registry, folder: Path, overrides: list[s
         if not any(folder.iterdir()):
             folder.rmdir()  # Hydra made it; nothing was run
         raise
+    except SystemExit as error:
+        raise ending(error, "a component that was being made") from error
     execute(run, folder, registry, overrides, name)
 
 

@@ -108,7 +108,9 @@ class Recorder:
         try:
             with self.timed(f"sink {name}"):
                 action()
-        except Exception as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # also a sink that would end the process costs no run
             self.sinks.pop(name, None)
             self.dropped[name] = f"{type(error).__name__}: {error}"
             log.warning("sink '%s' failed and is switched off, the run goes on: %s", name, self.dropped[name])

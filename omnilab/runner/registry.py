@@ -68,6 +68,10 @@ class Component:
         """The first line of the manual."""
         return (self.cls.__doc__ or "(no docstring)").strip().partition("\n")[0]
 
+    @property
+    def title(self) -> str:
+        return f"{self.kind} '{self.name}' of {self.plugin.title}"
+
 
 @dataclass(frozen=True)
 class Failure:
@@ -131,6 +135,11 @@ class Registry:
     def of(self, instance: Any) -> Component | None:
         """Under which name an instance's class is registered."""
         return next((c for c in self.components.values() if c.cls is type(instance)), None)
+
+    def title_of(self, kind: str, instance: Any) -> str:
+        """How sentences name a component: by its plugin, or by its class where it is registered by none."""
+        component = self.of(instance)
+        return component.title if component else f"{kind} {type(instance).__name__}"
 
 
 def discover(select: str | None = None) -> Registry:

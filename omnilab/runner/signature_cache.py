@@ -171,4 +171,8 @@ def _is_sound(signatures: Any, count: int) -> bool:
     if not isinstance(signatures, Signatures):
         return False
     parts = [p for p in (signatures.place, signatures.heading) if p is not None]
-    return all(p.dtype == np.float32 and len(p) == count and p.flags.c_contiguous for p in parts)
+    return all(
+        type(p) is np.ndarray and p.dtype == np.float32 and p.ndim > 1 and len(p) == count
+        and p.flags.c_contiguous and np.isfinite(p).all()
+        for p in parts
+    )  # fmt: skip

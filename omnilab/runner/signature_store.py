@@ -168,6 +168,8 @@ def _check(arrays: Arrays) -> None:
             raise ValueError(f"keys are {array.dtype} {array.shape}")
         if name != "keys" and (array.dtype != np.float32 or len(array) != len(arrays["place"])):
             raise ValueError(f"{name} is {array.dtype} {array.shape}")
+        if name != "keys" and not np.isfinite(array).all():
+            raise ValueError(f"{name} holds NaN or infinity")
 
 
 def empty_like(signatures: Signatures, count: int) -> Signatures:

@@ -60,6 +60,18 @@ def test_a_failing_sink_is_dropped_and_the_others_go_on(caplog):
     assert "sink 'bad' failed" in caplog.text
 
 
+def test_a_sink_that_would_end_the_process_is_dropped():
+    class Exits(Memory):
+        def flush(self):
+            raise SystemExit(3)
+
+        close = flush
+
+    with Recorder({"exits": Exits()}) as record:
+        record.log("log", Text("a line"))
+    assert record.dropped == {"exits": "SystemExit: 3"}
+
+
 def test_progress_counts_the_parts_of_each_item():
     sink = Memory()
     with Recorder({"s": sink}) as record:

@@ -185,7 +185,9 @@ def test_a_descriptor_with_nonsense_is_not_adapted() -> None:
 
         def describe(self, images): ...
 
-    with pytest.raises(Exception, match=r"lacks rotation \(`turned` is called `rotation` now\)"):
+    with pytest.raises(
+        Exception, match=r"lacks rotation \(`turned` is called `rotation` now; rotation is one of equivariant, "
+    ):
         check_component("descriptor", "odd", Odd)
 
 

@@ -171,15 +171,12 @@ def test_settings_that_make_no_study_are_refused(settings):
         Grid(**settings)
 
 
-@pytest.mark.parametrize(
-    "answer",
-    [lambda place: place, lambda place: Signatures(place.astype(float)), lambda place: Signatures(place[:1])],
-    ids=["bare array", "float64", "too few"],
-)
-def test_a_descriptor_that_breaks_the_contract_is_named(answer):
+def test_an_image_that_a_descriptor_fails_on_is_named_by_its_key():
     class Broken(Read):
         def describe(self, images):
-            return answer(super().describe(images).place)
+            error = PluginError("NaN in image number 2")
+            error.item = 2
+            raise error
 
-    with pytest.raises(PluginError, match=r"Broken describes \d+ images as .*check_descriptor"):
+    with pytest.raises(PluginError, match=r"^NaN in image number 2 \(image number 2 is 2\)$"):
         _run(Grid(step_m=1.0, query_count=5), descriptor=Broken())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -25,17 +24,15 @@ from omnilab_studies.common.frames import deliver
 
 
 def describe(descriptor: Descriptor, frames: Frames, record: Recorder) -> Signatures:
-    """Signatures of frames, from the view that the descriptor declares; PluginError if it returns anything else."""
+    """Signatures of frames, from the view that the descriptor declares."""
     with record.timed("describe", len(frames)):
-        described = descriptor.describe(view_of(frames.images, frames.camera, descriptor.view, descriptor.color))
-    place: Any = getattr(described, "place", described)  # a plugin's mistake may be of any type
-    if place is described or len(place) != len(frames) or place.dtype != np.float32:
-        found = f"{type(described).__name__} of {getattr(place, 'dtype', '?')} {getattr(place, 'shape', '?')}"
-        raise PluginError(
-            f"{type(descriptor).__name__} describes {len(frames)} images as {found}; return Signatures whose place is float32"
-            " (N, ...): omnilab.testing.check_descriptor finds such things"
-        )
-    return described
+        views = view_of(frames.images, frames.camera, descriptor.view, descriptor.color)
+        try:
+            return descriptor.describe(views)
+        except PluginError as error:  # it knows an image by its number in the batch, a user by its key
+            if error.item is None:
+                raise
+            raise PluginError(f"{error} (image number {error.item} is {frames.keys[error.item]})") from None
 
 
 def fitted(parts: Parts, plan: Plan, record: Recorder) -> Parts:

@@ -1,0 +1,6 @@
+"""What components return, checked where it passes from them to the run: shapes, types, finite numbers, counts, indices."""
+
+from omnilab.runner.boundaries.guard import ending, guard
+from omnilab.runner.boundaries.returns import check_declared, check_report
+
+__all__ = ["check_declared", "check_report", "ending", "guard"]
