@@ -8,7 +8,9 @@ from omnilab.cameras.base import (
     RayCamera,
     polar_pixels,
 )
+from omnilab.cameras.brown_conrady import BrownConradyCamera
 from omnilab.cameras.files import load_camera, save_camera
+from omnilab.cameras.kannala_brandt import KannalaBrandtCamera
 from omnilab.cameras.lenses import FisheyeCamera, PinholeCamera, UnifiedCamera
 from omnilab.cameras.mirrors import EIZOH_WIDE_70, THESIS_HALF, THESIS_WHOLE, HyperbolicMirror, ParabolicMirror
 from omnilab.cameras.noncentral import ConicalMirror, EllipticMirror, SphericalMirror
@@ -20,6 +22,7 @@ __all__ = [
     "EIZOH_WIDE_70",
     "THESIS_HALF",
     "THESIS_WHOLE",
+    "BrownConradyCamera",
     "CentralCamera",
     "ConicalMirror",
     "CylindricalCamera",
@@ -28,6 +31,7 @@ __all__ = [
     "FisheyeCamera",
     "HyperbolicMirror",
     "ImageCircle",
+    "KannalaBrandtCamera",
     "OCamCamera",
     "ParabolicMirror",
     "PinholeCamera",

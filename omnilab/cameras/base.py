@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from omnilab.api import Circle, Floats
+from omnilab.cameras.plausibility import check_frame, check_numbers
 from omnilab.errors import ConfigError
 
 STEEPEST_RAD = np.deg2rad(60.0)  # edges of a calibrated panorama: below the camera mostly sees its own carrier
@@ -135,6 +136,7 @@ class PanoramaCamera(CentralCamera):
 
     def __post_init__(self) -> None:
         check_frame(self.width, self.height)
+        check_numbers(self)
 
     @property
     def circle(self) -> Circle:
@@ -225,9 +227,3 @@ class CylindricalCamera(PanoramaCamera):
     def _share(self, elevation_rad: Floats) -> Floats:
         bottom, top = np.tan(self.elevations_rad)
         return np.asarray((top - np.tan(elevation_rad)) / (top - bottom))
-
-
-def check_frame(width: int, height: int) -> None:
-    """ConfigError if an image of this size is none."""
-    if width < 8 or height < 8:
-        raise ConfigError(f"an image of {width} x {height} pixels is too small; give at least 8 x 8")

@@ -20,8 +20,9 @@ from typing import Self
 import numpy as np
 
 from omnilab.api import Circle, Floats
-from omnilab.cameras.base import CentralCamera, check_frame, polar_pixels
+from omnilab.cameras.base import CentralCamera, polar_pixels
 from omnilab.cameras.distortion import distorted, radial, turning_radius, undistorted
+from omnilab.cameras.plausibility import SHORTEST_PX, check_frame, check_numbers, check_positive
 from omnilab.errors import ConfigError
 
 AXES = {  # columns: right, down and forward in the camera frame
@@ -45,6 +46,7 @@ class AxialCamera(CentralCamera):
 
     def __post_init__(self) -> None:
         check_frame(self.width, self.height)
+        check_numbers(self)
         if self.looks not in AXES:
             raise ConfigError(f"looks={self.looks!r} is not known; a camera looks {', '.join(map(repr, AXES))}")
         if not (0 <= self.cx < self.width and 0 <= self.cy < self.height):
@@ -128,9 +130,9 @@ class UnifiedCamera(AxialCamera):
     p2: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (min(self.fx, self.fy) > 0 and self.xi >= 0):
+        if not (min(self.fx, self.fy) >= SHORTEST_PX and self.xi >= 0):
             raise ConfigError(
-                f"fx={self.fx:g}, fy={self.fy:g}, xi={self.xi:g} is no camera; give fx, fy > 0 and xi >= 0"
+                f"fx={self.fx:g}, fy={self.fy:g}, xi={self.xi:g} is no camera; give fx, fy of {SHORTEST_PX} or more and xi of 0 or more"
             )
         if not np.isfinite(self._distortion).all():
             raise ConfigError(f"a distortion by k1, k2, p1, p2 = {self._distortion} is none; give finite numbers")
@@ -141,13 +143,13 @@ class UnifiedCamera(AxialCamera):
         radius = self._reach
         if radius == np.inf:
             return np.inf
-        return min(self.fx, self.fy) * radius * float(radial(np.array(radius**2), self.k1, self.k2))
+        return min(self.fx, self.fy) * radius * float(radial(np.array(radius**2), self._distortion))
 
     @property
     def _reach(self) -> float:
         """The radius before distortion where lines of sight graze the sphere (xi above 1), or distortion stops growing."""
         grazing = 1 / np.sqrt(self.xi**2 - 1) if self.xi > 1 else np.inf
-        return float(min(grazing, turning_radius(self.k1, self.k2)))
+        return float(min(grazing, turning_radius(self._distortion)))
 
     @property
     def _distortion(self) -> tuple[float, float, float, float]:
@@ -186,7 +188,7 @@ class PinholeCamera(AxialCamera):
     focal_px: float
 
     def __post_init__(self) -> None:
-        check_focal(self.focal_px)
+        check_positive(self, "focal_px")
         super().__post_init__()
 
     def _rays(self, offset: Floats) -> Floats:
@@ -205,7 +207,7 @@ class FisheyeCamera(AxialCamera):
     focal_px: float
 
     def __post_init__(self) -> None:
-        check_focal(self.focal_px)
+        check_positive(self, "focal_px")
         super().__post_init__()
 
     @property
@@ -230,10 +232,6 @@ def around_axis(offset: Floats, radius: Floats, angle_rad: Floats) -> Floats:
 def off_axis(rays: Floats) -> tuple[Floats, Floats]:
     """The sides (..., 2), of unit length, to which directions lie from the axis, and their angles to it."""
     distance = np.hypot(rays[..., 0], rays[..., 1])
-    return rays[..., :2] / np.where(distance > 0, distance, 1)[..., None], np.arctan2(distance, rays[..., 2])
-
-
-def check_focal(focal_px: float) -> None:
-    """ConfigError if a focal length is none."""
-    if not focal_px > 0:
-        raise ConfigError(f"focal_px={focal_px:g} is no focal length; give pixels above 0")
+    aside = rays[..., :2] / np.where(distance > 0, distance, 1)[..., None]
+    aside[distance == 0] = [1, 0]  # straight ahead any side does; straight back lies on a circle, not in its centre
+    return aside, np.arctan2(distance, rays[..., 2])

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from omnilab.api import Circle, Floats
 from omnilab.cameras.base import CentralCamera, RayCamera, azimuth_elevation, polar_pixels
+from omnilab.cameras.plausibility import check_frame, check_numbers
 from omnilab.errors import ConfigError
 
 
@@ -35,6 +36,8 @@ class MirrorCamera(RayCamera):
             raise ConfigError(f"crop={self.crop} is not a share of the mirror; give a number above 0 and up to 1")
         if self.margin_px < 0:
             raise ConfigError(f"margin_px={self.margin_px} is no width; give 0 or more columns")
+        check_frame(self.width, self.height)
+        check_numbers(self)
 
     @property
     def width(self) -> int:

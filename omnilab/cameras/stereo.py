@@ -10,6 +10,7 @@ import numpy.typing as npt
 from omnilab.api import Circle, Floats
 from omnilab.cameras.base import RayCamera
 from omnilab.cameras.lenses import PinholeCamera
+from omnilab.cameras.plausibility import check_frame, check_numbers
 from omnilab.errors import ConfigError
 
 
@@ -26,6 +27,8 @@ class StereoCamera(RayCamera):
     baseline_m: float
 
     def __post_init__(self) -> None:
+        check_frame(self.width, self.height)
+        check_numbers(self)
         if self.width % 2:
             raise ConfigError(f"width={self.width} has no two halves; give an even number of pixels")
         if not 0 < self.baseline_m < np.inf:

@@ -5,17 +5,28 @@ from __future__ import annotations
 from omnilab import hookimpl
 from omnilab.hooks import Register, RegisterCommand
 from omnilab_mirror.commands import world_command
-from omnilab_mirror.sensors.lenses import Calibrated, Fisheye, OCam, Pinhole, Stereo, Unified
+from omnilab_mirror.sensors.lenses import (
+    BrownConrady,
+    Calibrated,
+    Fisheye,
+    KannalaBrandt,
+    OCam,
+    Pinhole,
+    Stereo,
+    Unified,
+)
 from omnilab_mirror.sensors.mirrors import Conical, Elliptic, Mirror, Parabolic, Spherical
 from omnilab_mirror.sensors.panoramas import Cylindrical, Equirectangular
 
 __all__ = [
+    "BrownConrady",
     "Calibrated",
     "Conical",
     "Cylindrical",
     "Elliptic",
     "Equirectangular",
     "Fisheye",
+    "KannalaBrandt",
     "Mirror",
     "OCam",
     "Parabolic",
@@ -39,6 +50,8 @@ def register_sensors(register: Register) -> None:
     register("pinhole", Pinhole)
     register("stereo", Stereo)
     register("fisheye", Fisheye)
+    register("kannala_brandt", KannalaBrandt)
+    register("brown_conrady", BrownConrady)
     register("cylindrical", Cylindrical)
     register("equirectangular", Equirectangular)
 

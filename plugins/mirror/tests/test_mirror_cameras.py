@@ -20,7 +20,7 @@ from omnilab.cameras import (
     StereoCamera,
     save_camera,
 )
-from omnilab.errors import DataError
+from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses, rotation_xyz
 from omnilab.image import panorama, point_cloud
 from omnilab.testing import check_sensor
@@ -53,6 +53,8 @@ SMALL = {
     "Conical": {"size": 48},
     "Unified": {"width": 64, "height": 48, "fx": 10.0, "fy": 10.0, "cx": 31.5, "cy": 23.5, "k1": -0.01, "rim_px": 24.0},
     "Fisheye": {"size": 48, "focal_px": 15.0},
+    "KannalaBrandt": {"width": 48, "height": 48, "fx": 15.0, "fy": 15.5, "cx": 23.5, "cy": 23.5, "rim_px": 24.0},
+    "BrownConrady": {"width": 64, "height": 48, "fx": 40.0, "fy": 40.0, "cx": 31.5, "cy": 23.5},
     "Pinhole": {"width": 64, "height": 48, "focal_px": 40.0},
     "Stereo": {"width": 96, "height": 48, "focal_px": 40.0},
     "Cylindrical": {"width": 96, "height": 32},
@@ -370,3 +372,19 @@ def test_the_rays_of_a_tiny_ball_might_as_well_start_in_one_point():
     difference = np.abs(direct.astype(float) - unwrapped)
     assert difference[away_from_edges(direct)].mean() <= 0.5
     assert difference.mean() <= 2.5
+
+
+def test_a_calibrated_sensor_answers_what_a_file_leaves_open(tmp_path):
+    file = tmp_path / "pair.yml"
+    rows = "[[40, 0, 31.5], [0, 40, 23.5], [0, 0, 1]]"
+    file.write_text(f"K1: {rows}\nD1: [0.01, 0, 0, 0]\nK2: {rows}\nD2: [0.01, 0, 0, 0]\n")
+    answers = {"entry": "2", "distortion": "equidistant", "size_px": [64, 48]}
+    for lacking, sentence in (
+        ("entry", "give entry=1 or"),
+        ("distortion", "=radtan or"),
+        ("size_px", r"size_px=\[WIDTH"),
+    ):
+        with pytest.raises(ConfigError, match=sentence):
+            omnilab_mirror.Calibrated(file=str(file), **{k: v for k, v in answers.items() if k != lacking})
+    camera = omnilab_mirror.Calibrated(file=str(file), **answers, looks="up").camera
+    assert (camera.width, camera.looks, camera.k1) == (64, "up", 0.01)

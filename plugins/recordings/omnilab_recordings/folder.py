@@ -18,7 +18,7 @@ from omnilab.api import Bytes, Floats, Frames, Ints, Mesh, Plan, PoseRequest, ch
 from omnilab.cameras import ImageCircle, RayCamera
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import poses, rotation_xyz
-from omnilab_recordings.calibration import check_frame_of, read_camera
+from omnilab_recordings.calibration import CameraFile, check_frame_of
 from omnilab_recordings.images.decoding import decode
 from omnilab_recordings.images.depth import read_depth
 from omnilab_recordings.images.files import existing, read_bytes
@@ -73,8 +73,10 @@ class Folder:
     height_step_m: float | None = setting(
         None, above=0
     )  # with names that count levels: between two; null: the preset's
-    camera: str | None = None  # its calibration: a camera's JSON or calib_results.txt; null: camera.json, if there
-    looks: str | None = None  # of a calib_results.txt: down (a mirror above the camera, or a lens; null), up or ahead
+    camera: str | None = None  # its calibration (formats: docs/cameras.md); null: camera.json, if there
+    looks: str | None = None  # where the file leaves it open: down, up or ahead; null: ahead of pinholes, else down
+    entry: str | None = None  # which camera of a calibration with several, such as cam1
+    distortion: str | None = None  # of OpenCV's files that do not say: radtan (pinhole) or equidistant (fisheye)
     circle_px: list[float] | None = None  # cx, cy, radius and, if need be, inner radius in the files; null: found
     sky_inside: bool = False  # the horizon is crossed inwards: the sky is at the centre
     blank_outside: bool = False  # set what lies off the circle's ring to 0
@@ -194,7 +196,7 @@ class Folder:
     def _camera(self, sample: Sequence[Bytes]) -> RayCamera | ImageCircle:
         """Camera of the files: as calibrated or, without a calibration, the circle."""
         height, width = sample[0].shape
-        if (calibrated := read_camera(self.root, self.camera, self.looks)) is None:
+        if (calibrated := self.camera_file.read(self.root, (width, height))) is None:
             return ImageCircle(width, height, circle_of(self.circle_px, sample), self.sky_inside)
         file, camera = calibrated
         if self.circle_px is not None or self.sky_inside:
@@ -204,6 +206,11 @@ class Folder:
             )
         check_frame_of(file, camera, (height, width))
         return camera
+
+    @property
+    def camera_file(self) -> CameraFile:
+        """The file that describes the camera."""
+        return CameraFile(self.camera, self.looks, self.entry, self.distortion)
 
     def sample(self) -> list[Bytes]:
         """Some images from all over the recording, in grey."""

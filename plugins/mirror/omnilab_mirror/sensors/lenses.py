@@ -8,7 +8,9 @@ from typing import Any
 
 from omnilab.api import setting
 from omnilab.cameras import (
+    BrownConradyCamera,
     FisheyeCamera,
+    KannalaBrandtCamera,
     OCamCamera,
     PinholeCamera,
     RayCamera,
@@ -32,6 +34,35 @@ class Pinhole(VirtualCamera):
     def camera(self) -> PinholeCamera:
         """The camera, its axis in the middle of the image."""
         return PinholeCamera(focal_px=self.focal_px, looks=self.looks, **middle(self.width, self.height))
+
+
+@dataclass
+class BrownConrady(VirtualCamera):
+    """Images a virtual world with a conventional camera and its lens's distortion, as OpenCV and ROS calibrate it."""
+
+    width: int = setting(320, at_least=8, at_most=16_384)  # pixels
+    height: int = setting(240, at_least=8, at_most=16_384)  # pixels
+    fx: float = setting(200.0, above=0)  # focal length along u in pixels
+    fy: float = setting(200.0, above=0)  # and along v
+    cx: float = 159.5  # where the axis meets the image, in pixels
+    cy: float = 119.5  # pixels
+    k1: float = -0.2  # distortion along the radius, by its square
+    k2: float = 0.03  # by its fourth power
+    p1: float = 0.0  # distortion aside, mostly along v
+    p2: float = 0.0  # mostly along u
+    k3: float = 0.0  # by the sixth power of the radius
+    k4: float = 0.0  # of the rational model: by its square, below the line
+    k5: float = 0.0  # by its fourth power
+    k6: float = 0.0  # and by its sixth
+    looks: str = "ahead"  # or up, down
+
+    @property
+    def camera(self) -> BrownConradyCamera:
+        """The camera."""
+        return BrownConradyCamera(
+            width=self.width, height=self.height, cx=self.cx, cy=self.cy, looks=self.looks, fx=self.fx, fy=self.fy,
+            k1=self.k1, k2=self.k2, p1=self.p1, p2=self.p2, k3=self.k3, k4=self.k4, k5=self.k5, k6=self.k6,
+        )  # fmt: skip
 
 
 @dataclass
@@ -66,6 +97,33 @@ class Fisheye(VirtualCamera):
         return FisheyeCamera(
             focal_px=self.focal_px, looks=self.looks, rim_px=self.size / 2, **middle(self.size, self.size)
         )
+
+
+@dataclass
+class KannalaBrandt(VirtualCamera):
+    """Images a virtual world with a fisheye lens of four coefficients (Kannala & Brandt, 2006; OpenCV, Kalibr, ROS)."""
+
+    width: int = setting(250, at_least=8, at_most=16_384)  # pixels
+    height: int = setting(250, at_least=8, at_most=16_384)  # pixels
+    fx: float = setting(79.0, above=0)  # pixels along u for each radian from the axis, near it
+    fy: float = setting(79.0, above=0)  # and along v
+    cx: float = 124.5  # where the axis meets the image, in pixels
+    cy: float = 124.5  # pixels
+    k1: float = -0.02  # by the third power of the angle to the axis
+    k2: float = 0.005  # by its fifth power
+    k3: float = 0.0  # by its seventh
+    k4: float = 0.0  # by its ninth
+    skew: float = 0.0  # pixels of u for each radian along v
+    looks: str = "up"  # or down, ahead
+    rim_px: float | None = setting(124.5, above=0)  # radius of the circle that shows the world; null: all there is
+
+    @property
+    def camera(self) -> KannalaBrandtCamera:
+        """The camera."""
+        return KannalaBrandtCamera(
+            width=self.width, height=self.height, cx=self.cx, cy=self.cy, looks=self.looks, rim_px=self.rim_px,
+            fx=self.fx, fy=self.fy, k1=self.k1, k2=self.k2, k3=self.k3, k4=self.k4, skew=self.skew,
+        )  # fmt: skip
 
 
 @dataclass
@@ -117,14 +175,19 @@ class OCam(VirtualCamera):
 
 @dataclass
 class Calibrated(VirtualCamera):
-    """Images a virtual world with the camera of a JSON file, as `omnilab.cameras.save_camera` writes them."""
+    """Images a virtual world with the camera of a file: camera.json, or what a calibration tool wrote (docs/cameras.md)."""
 
     file: str = "???"  # path of the camera's file
+    looks: str | None = None  # where the file leaves it open: down, up or ahead; null: ahead of pinholes, else down
+    entry: str | None = None  # which camera of a calibration with several, such as cam1
+    distortion: str | None = None  # of OpenCV's files that do not say: radtan (pinhole) or equidistant (fisheye)
+    size_px: list[int] | None = setting(None, at_least=8, count=2)  # width and height, if the file does not say
 
     @property
     def camera(self) -> RayCamera:
         """The camera in the file."""
-        return load_camera(Path(self.file))
+        size = None if self.size_px is None else (self.size_px[0], self.size_px[1])
+        return load_camera(self.file, self.looks, self.entry, self.distortion, size)
 
 
 def middle(width: int, height: int) -> dict[str, Any]:

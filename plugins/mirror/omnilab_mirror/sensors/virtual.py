@@ -12,6 +12,7 @@ import numpy as np
 
 from omnilab.api import Floats, Frames, Mesh, Plan, PoseRequest, check_settings, setting
 from omnilab.cameras import RayCamera
+from omnilab.cameras.plausibility import check_sees
 from omnilab.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
@@ -52,6 +53,7 @@ class VirtualCamera(ABC):
                 f"batch={self.batch} images of {camera.width} x {camera.height} pixels are held at once, more than memory"
                 f" should; give batch={largest} or less"
             )
+        check_sees(camera)
 
     @property
     @abstractmethod

@@ -14,7 +14,6 @@ from omnilab.api import Bytes, RecordedPoses
 from omnilab.cameras import ImageCircle, RayCamera
 from omnilab.errors import ConfigError, DataError, visible
 from omnilab.image import panorama
-from omnilab_recordings.calibration import read_camera
 from omnilab_recordings.checks import dataset_check
 from omnilab_recordings.checks.dataset_check import Finding
 from omnilab_recordings.checks.handedness import Handedness, Horizon, drift_between, handedness, moves_rad, neighbours
@@ -65,8 +64,10 @@ def _parser() -> argparse.ArgumentParser:
     add("--height-step", type=float, metavar="M", help="with --names that count levels: metres between two")
     add("--positions", metavar="FILE", help="CSV or trajectory below DIR (positions.csv)")
     add("--pattern", default="**/*", help="which images below DIR (%(default)s)")
-    add("--camera", metavar="FILE", help="calibration, a camera's JSON or calib_results.txt: below DIR, or a full path")
-    add("--looks", help="of a calib_results.txt: down, up or ahead")
+    add("--camera", metavar="FILE", help="calibration (formats: docs/cameras.md): below DIR, or a full path")
+    add("--looks", help="where the camera looks, if its file does not say: down, up or ahead")
+    add("--entry", metavar="CAM", help="which camera of a calibration with several, such as cam1")
+    add("--distortion", help="of OpenCV's files that do not say: radtan or equidistant")
     return parser
 
 
@@ -82,7 +83,7 @@ def _sensor(options: argparse.Namespace) -> Folder:
     settings: dict[str, Any] = {"positions": options.positions} if options.positions else {}
     return Folder(
         options.folder, pattern=options.pattern, names=options.names, spacing_m=options.spacing, columns=options.columns,
-        height_step_m=options.height_step, camera=options.camera, looks=options.looks, circle_px=options.circle, sky_inside=options.sky_inside,
+        height_step_m=options.height_step, camera=options.camera, looks=options.looks, entry=options.entry, distortion=options.distortion, circle_px=options.circle, sky_inside=options.sky_inside,
         on_bad_image=OnBadImage.skip, **settings,
     )  # fmt: skip
 
@@ -106,9 +107,9 @@ def _with_circle(sensor: Folder) -> tuple[Folder, Finding]:
     try:
         return sensor, dataset_check.of_circle(sensor, sensor.optics.camera, sample)
     except DataError as error:
-        if read_camera(sensor.root, sensor.camera, sensor.looks) is not None:
-            raise
         height, width = sample[0].shape
+        if sensor.camera_file.read(sensor.root, (width, height)) is not None:
+            raise
         inscribed = [(width - 1) / 2, (height - 1) / 2, min(width, height) / 2]
         return replace(sensor, circle_px=inscribed), Finding("circle", "look", f"{error}; shown is the inscribed one")
 

@@ -1,0 +1,1 @@
+"""Calibrations that other tools wrote: one module for each way of writing, and one that names what is not read."""
