@@ -1,7 +1,7 @@
 """Pose graphs as text: g2o (`VERTEX_SE2`, `EDGE_SE2`, `VERTEX_SE3:QUAT`, `EDGE_SE3:QUAT`) and TORO (`VERTEX2`, `EDGE2`).
 
 Numbers are written so that they read back exactly. The information of g2o's spatial edges is taken to be about a rotation
-vector, as GTSAM, Ceres and SE-Sync do; g2o's own error is half of that vector.
+vector, as GTSAM, Ceres and SE-Sync do; g2o's own error is half of that vector. What words mean: `omnilab.posegraph.tags`.
 """
 
 from __future__ import annotations
@@ -14,31 +14,14 @@ from typing import NamedTuple
 import numpy as np
 
 from omnilab.api import Floats, PoseGraph
-from omnilab.errors import DataError, did_you_mean
+from omnilab.errors import DataError
 from omnilab.posegraph.graph import check_graph, dead_reckoning
+from omnilab.posegraph.plausibility import check_convention
+from omnilab.posegraph.tags import ORDERS, SKIPPED, TAGS, Tag, refusal
 
 MOST_BYTES = 1 << 28
 MOST_LINES = 2_000_000
 LONGEST_LINE = 2_000  # characters
-IGNORED = ("EQUIV", "FIX")  # TORO: two names of a place; g2o: the vertex that stays, and here the first one does
-
-
-class Tag(NamedTuple):
-    """What a line's first word says."""
-
-    ids: int  # 1: a vertex, 2: an edge
-    k: int  # numbers of a pose or motion
-    upper: tuple[int, ...] = ()  # where the information's upper triangle, row by row, stands among the numbers after
-
-
-TAGS = {
-    "VERTEX_SE2": Tag(1, 3),
-    "EDGE_SE2": Tag(2, 3, tuple(range(6))),
-    "VERTEX_SE3:QUAT": Tag(1, 7),
-    "EDGE_SE3:QUAT": Tag(2, 7, tuple(range(21))),
-    "VERTEX2": Tag(1, 3),
-    "EDGE2": Tag(2, 3, (0, 1, 4, 2, 5, 3)),  # the file has xx xy yy hh xh yh
-}
 
 
 class Line(NamedTuple):
@@ -46,24 +29,33 @@ class Line(NamedTuple):
 
     number: int
     ids: tuple[int, ...]
+    tag: Tag
     pose: list[float]  # (k,), or a motion
-    upper: list[float]  # the information's triangle, row by row
+    numbers: list[float]  # of the information, as they stand in the line
+
+    def same(self) -> tuple[object, ...]:
+        """What two lines that measured the same have in common."""
+        return self.ids, self.tag, tuple(self.pose), tuple(self.numbers)
 
 
-def read_graph(path: Path) -> PoseGraph:
+def read_graph(path: Path, notes: list[str] | None = None) -> PoseGraph:
     """The graph of a g2o or TORO file; DataError, with the line, for what cannot be used.
 
-    Where a file has edges only, poses are chained from the first vertex, which is put at the origin.
+    Where a file has edges only, poses are chained from the first vertex, which is put at the origin. `notes` gets a
+    sentence for whatever is read otherwise than it was written.
     """
     vertices: list[Line] = []
     edges: list[Line] = []
-    tags: dict[int, Tag] = {}  # by how many numbers a pose has
-    for number, word, tag, values in _lines(path):
-        other = tags.setdefault(tag.k, tag)
+    skipped: list[tuple[int, str, list[str]]] = []
+    tags: dict[int, str] = {}  # by how many numbers a pose has
+    for number, word, values in _lines(path):
+        if word in SKIPPED:
+            skipped.append((number, word, values))
+            continue
+        tag = TAGS[word]
+        tags.setdefault(tag.k, word)
         if len(tags) > 1:
-            raise _error(
-                path, number, f"is {word} in a {'planar' if other.k == 7 else 'spatial'} graph", "use one kind"
-            )
+            raise _error(path, number, f"is {word} in a {'spatial' if tag.k == 3 else 'planar'} graph", "use one kind")
         (vertices if tag.ids == 1 else edges).append(_parsed(path, number, word, tag, values))
     if not edges:
         raise DataError(
@@ -71,42 +63,83 @@ def read_graph(path: Path) -> PoseGraph:
         )
     (k,) = tags
     graph = _assembled(path, vertices, edges, k)
+    sentences = [*_skipped(path, skipped, graph), *_repeated(path, edges)]
+    _check_order(path, edges, graph)
     check_graph(graph, str(path))
+    check_convention(graph, bool(vertices), str(path))
+    if notes is not None:
+        notes += sentences
     return graph if vertices else replace(graph, poses=dead_reckoning(graph))
 
 
-def _lines(path: Path) -> Iterator[tuple[int, str, Tag, list[str]]]:
-    """Line number, first word, what that word means, and the other words."""
-    fixed = 0
+def _lines(path: Path) -> Iterator[tuple[int, str, list[str]]]:
+    """Line number, first word, and the other words."""
     try:
         if path.stat().st_size > MOST_BYTES:
             raise DataError(f"{path} is larger than {MOST_BYTES >> 20} MiB; give a smaller graph")
-        with path.open(encoding="utf-8") as file:
+        with path.open(encoding="utf-8-sig") as file:
             for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE + 1), ""), 1):
+                word, *values = line.partition("#")[0].split() or [""]
+                if word and word not in TAGS and word not in SKIPPED:
+                    raise _error(path, number, *refusal(word))
                 if number > MOST_LINES or len(line) > LONGEST_LINE:
                     raise _error(path, number, f"is beyond {MOST_LINES} lines of {LONGEST_LINE} characters", "split it")
-                word, *values = line.partition("#")[0].split() or [""]
-                if word == "FIX" and (fixed := fixed + 1) > 1:
-                    raise _error(path, number, "fixes a second vertex", "leave FIX lines out; the first vertex stays")
-                if not word or word in IGNORED:
-                    continue
-                if word not in TAGS:
-                    raise _error(
-                        path, number, f"starts with {word[:40]!r}{did_you_mean(word, TAGS)}",
-                        f"known are {', '.join([*TAGS, *IGNORED])}",
-                    )  # fmt: skip
-                yield number, word, TAGS[word], values
-    except UnicodeDecodeError as error:
-        raise DataError(f"{path} is no text ({error.reason}); give a g2o or TORO file") from None
+                if word:
+                    yield number, word, values
+    except UnicodeDecodeError:
+        raise DataError(f"{path} is no text in UTF-8; give a g2o or TORO file") from None
     except OSError as error:
         raise DataError(f"the graph {path} cannot be read ({error.strerror}); give another path") from error
+
+
+def _skipped(path: Path, lines: list[tuple[int, str, list[str]]], graph: PoseGraph) -> Iterator[str]:
+    """What is not done about FIX and EQUIV lines, in sentences; DataError for FIX lines that cannot be met."""
+    fixed: dict[int, int] = {}  # vertex: line
+    for number, word, values in lines:
+        if word == "FIX":
+            try:
+                named = [int(value) for value in values]
+            except ValueError as error:
+                raise _error(path, number, f"has no id where one belongs ({error})", "write FIX and an id") from None
+            if not named or (strange := set(named) - set(graph.ids.tolist())):
+                what = f"vertex {min(strange)}, which the file does not place" if named else "no vertex"
+                raise _error(path, number, f"fixes {what}", "write FIX and the id of a vertex")
+            fixed |= {i: number for i in named if i not in fixed}
+    if len(fixed) > 1:
+        (first, _), (second, number), *_ = fixed.items()
+        raise _error(
+            path, number, f"fixes a second vertex, {second} beside {first}", "leave one id; one vertex can stay"
+        )
+    if fixed and (stays := int(graph.ids[0])) not in fixed:
+        yield (
+            f"FIX {next(iter(fixed))} is not followed: the first vertex, {stays}, stays; chi2 and the map's shape are"
+            " the same, all of it is moved"
+        )
+    if count := sum(word == "EQUIV" for _, word, _ in lines):
+        yield f"{count} EQUIV lines are left out: their vertices stay two; an edge without a motion would join them"
+
+
+def _repeated(path: Path, edges: list[Line]) -> Iterator[str]:
+    """A sentence for edges that stand in the file again, number by number: they count again."""
+    first: dict[tuple[object, ...], int] = {}
+    again = [(line.number, first.setdefault(line.same(), line.number)) for line in edges]
+    twice = [(number, before) for number, before in again if number != before]
+    if twice:
+        number, before = twice[0]
+        yield (
+            f"{len(twice)} of {len(edges)} edges of {path} repeat another (line {number} repeats line {before}); each"
+            " counts, so remove those that are one measurement"
+        )
 
 
 def _parsed(path: Path, number: int, word: str, tag: Tag, values: list[str]) -> Line:
     """A line's ids and numbers."""
     count = tag.ids + tag.k + len(tag.upper)
     if len(values) != count:
-        raise _error(path, number, f"has {len(values)} values after {word}", f"write {count}")
+        parts = f": {tag.ids} ids, {tag.k} of the motion, {len(tag.upper)} of the information's triangle"
+        raise _error(
+            path, number, f"has {len(values)} values after {word}", f"write {count}{parts if tag.upper else ''}"
+        )
     try:
         ids, numbers = tuple(map(int, values[: tag.ids])), list(map(float, values[tag.ids :]))
     except ValueError as error:
@@ -118,7 +151,7 @@ def _parsed(path: Path, number: int, word: str, tag: Tag, values: list[str]) -> 
     if not np.isfinite(numbers).all():
         raise _error(path, number, "has NaN or infinity", "write finite numbers")
     pose, rest = numbers[: tag.k], numbers[tag.k :]
-    return Line(number, ids, pose, [rest[i] for i in tag.upper])
+    return Line(number, ids, tag, pose, rest)
 
 
 def _assembled(path: Path, vertices: list[Line], edges: list[Line], k: int) -> PoseGraph:
@@ -140,8 +173,33 @@ def _assembled(path: Path, vertices: list[Line], edges: list[Line], k: int) -> P
         )  # fmt: skip
     origin = [0.0] * (k - 1) + [float(k == 7)]
     poses = np.array([line.pose for line in lines] or [origin] * len(ids))
-    motions, upper = (np.array(column) for column in zip(*((line.pose, line.upper) for line in edges), strict=True))
+    motions = np.array([line.pose for line in edges])
+    upper = np.array([[line.numbers[i] for i in line.tag.upper] for line in edges])
     return PoseGraph(ids, poses, np.searchsorted(ids, joined), motions, _symmetric(upper, 3 if k == 3 else 6))
+
+
+def _check_order(path: Path, edges: list[Line], graph: PoseGraph) -> None:
+    """DataError where information is positive definite in another order of its numbers alone."""
+    if _positive(graph.information):
+        return
+    numbers, tag = np.array([line.numbers for line in edges]), edges[0].tag
+    for name, order in ORDERS[tag.k].items():
+        if order != tag.upper and _positive(_symmetric(numbers[:, order], graph.information.shape[1])):
+            own = next(own for own, upper in ORDERS[tag.k].items() if upper == tag.upper)
+            tags = [word for word, other in TAGS.items() if other == Tag(2, tag.k, order)]
+            raise DataError(
+                f"{path} has information that is positive definite as {name}, and not as {own}, as it is read; write it"
+                f" so{f', or {tags[0]} for these edges' if tags else ''}"
+            )
+
+
+def _positive(W: Floats) -> bool:
+    """Whether all matrices (E, d, d) are positive definite."""
+    try:
+        np.linalg.cholesky(W)
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 def _symmetric(upper: Floats, d: int) -> Floats:

@@ -16,6 +16,7 @@ from omnilab.api import Floats, Ints, PoseGraph
 from omnilab.errors import DataError
 from omnilab.geometry import planar_poses, poses, quaternion_xyzw, rotation_of_quaternion, wrap_angle
 
+MOST_STEPS = 2  # between consecutive ids of one robot: a pose may be missing
 QUATERNION_SLACK = 1e-3  # of a unit quaternion's length: files carry few digits
 
 
@@ -74,13 +75,23 @@ def chi2(graph: PoseGraph, pose: Floats | None = None) -> float:
 
 
 def is_loop(graph: PoseGraph) -> npt.NDArray[np.bool_]:
-    """Which edges (E,) are loop closures: all but those between a node and the next."""
-    return np.asarray(np.abs(graph.edges[:, 1] - graph.edges[:, 0]) != 1)
+    """Which edges (E,) are loop closures: all that are not odometry, which joins two consecutive ids of one robot.
+
+    Ids count up within a robot, in steps of 1 or of whatever is usual in the graph. Neighbouring rows more than two of
+    these steps apart, or of keys with another character in the highest byte (GTSAM's), belong to two robots.
+    """
+    i, j = graph.edges.T
+    if len(graph) < 2:
+        return np.ones(len(graph.edges), bool)
+    gap = np.abs(graph.ids[j] - graph.ids[i])
+    usual = np.median(np.abs(np.diff(graph.ids)))
+    one_robot = (gap <= MOST_STEPS * usual) & (graph.ids[i] >> 56 == graph.ids[j] >> 56)
+    return np.asarray((np.abs(j - i) != 1) | ~one_robot)
 
 
 # -------------------------------------------------------------------------------------------------------- first guesses
 def dead_reckoning(graph: PoseGraph) -> Floats:
-    """Poses (N, k) by chaining motions from the first pose: along a spanning tree that prefers edges to the next node."""
+    """Poses (N, k) by chaining motions from the first pose: along a spanning tree that prefers odometry."""
     planar = graph.planar
     Z, T = matrices(graph.motions), matrices(graph.poses)
     Z_back = inverse(Z)
@@ -92,8 +103,9 @@ def dead_reckoning(graph: PoseGraph) -> Floats:
 def spanning_tree(graph: PoseGraph) -> Iterator[tuple[int, int, int, bool]]:
     """From node 0 outwards: a node that is reached, the new one, the edge and whether it leads in that direction.
 
-    Runs of edges to the next node are followed before any other edge is (Dijkstra with costs 0 and 1).
+    Runs of odometry are followed before any other edge is (Dijkstra with costs 0 and 1).
     """
+    loops = is_loop(graph).tolist()
     neighbours: list[list[tuple[int, int, bool]]] = [[] for _ in range(len(graph))]
     for edge, (i, j) in enumerate(graph.edges.tolist()):
         neighbours[i].append((j, edge, True))
@@ -111,7 +123,7 @@ def spanning_tree(graph: PoseGraph) -> Iterator[tuple[int, int, int, bool]]:
             yield here, node, edge, forward
         for other, along, ahead in neighbours[node]:
             if not reached[other]:
-                (near if abs(other - node) == 1 else far).append((node, other, along, ahead))
+                (far if loops[along] else near).append((node, other, along, ahead))
 
 
 class Arrival(NamedTuple):
@@ -206,6 +218,10 @@ def check_information(graph: PoseGraph, name: str) -> None:
     if skew.any():
         raise DataError(f"{name}: the information of {_edge(graph, skew)} is not symmetric; give (W + W^T) / 2")
     least = np.linalg.eigvalsh(W)[:, 0]
+    if (nothing := scale == 0).any():
+        raise DataError(
+            f"{name}: the information of {_edge(graph, nothing)} is zero: it measured nothing; leave the edge out"
+        )
     flat = least <= 1e-14 * scale
     if flat.any():
         raise DataError(

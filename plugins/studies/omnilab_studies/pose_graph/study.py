@@ -75,7 +75,7 @@ class PoseGraphStudy:
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Take a graph, add wrong loop closures, optimise it by every back end, measure."""
-        clean, true_poses = self._graph(rng)
+        clean, true_poses = self._graph(rng, record)
         graph, wrong = with_wrong_loops(clean, self.wrong_loops, rng)
         backends = backends_of(parts)
         _show_graph(record, graph, true_poses, backends)
@@ -88,13 +88,16 @@ class PoseGraphStudy:
         }
         return _report(graph, GraphTruth(wrong, true_poses, clean_optimum, self.alignment), optima, seconds, growth)
 
-    def _graph(self, rng: np.random.Generator) -> tuple[PoseGraph, Floats | None]:
+    def _graph(self, rng: np.random.Generator, record: Recorder) -> tuple[PoseGraph, Floats | None]:
         """The graph of the file or of the walk, and the true poses (N, k) where they are known."""
         if self.path is None:
             if self.truth is not None:
                 raise ConfigError(f"study.truth={self.truth} is of no use without a file; give study.path=FILE, too")
             return self.walk.graph(rng)
-        graph = read_graph(Path(self.path))
+        notes: list[str] = []
+        graph = read_graph(Path(self.path), notes)
+        for sentence in notes:
+            record.log("log", Text(sentence, "NOTE"))
         if self.truth is None:
             return graph, None
         true = read_graph(Path(self.truth))
