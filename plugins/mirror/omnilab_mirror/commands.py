@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 HEIGHT_M = 1.0  # where the free share of the map is counted: the sensors' default
 STEP_M = 0.1
-MAX_NODES = 100_000  # at which it is counted; on larger maps they are farther apart
+MAX_NODES = 25_000  # at which it is counted; on larger maps they are farther apart
 
 
 def world_command(argv: list[str]) -> int:

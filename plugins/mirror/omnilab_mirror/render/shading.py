@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from omnilab_mirror.compiled import compiled
 from omnilab_mirror.render.atlas import Atlas
-from omnilab_mirror.render.tracer import compiled
 
 Array = npt.NDArray[Any]
 

@@ -14,7 +14,8 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from omnilab_mirror.render.tracer import compiled, compiled_parallel, dot
+from omnilab_mirror.compiled import compiled, compiled_parallel
+from omnilab_mirror.render.tracer import dot
 from omnilab_mirror.scene.quads import Quad
 
 Array = npt.NDArray[Any]

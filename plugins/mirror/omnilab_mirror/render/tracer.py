@@ -13,30 +13,19 @@ cones are that much wider, and nearer or farther by rho at most.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
+from omnilab_mirror.compiled import compiled, compiled_parallel
 from omnilab_mirror.render.atlas import Atlas
 
 Array = npt.NDArray[Any]
-F = TypeVar("F", bound=Callable[..., Any])
 # constants of this file, since numba's cache sees no changes in others
 TILE, BLOCK = 8, 32  # pixels
 EDGE = 1e-9  # neighbouring quads overlap by this much of 1/m, so that no ray slips between them
-
-
-def compiled(function: F) -> F:
-    """The function as machine code, which is kept beside the module."""
-    return cast("F", numba.njit(cache=True, nogil=True, error_model="numpy")(function))
-
-
-def compiled_parallel(function: F) -> F:
-    """The same, with `prange` over all of numba's threads."""
-    return cast("F", numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)(function))
 
 
 class Cones(NamedTuple):

@@ -14,7 +14,7 @@ from omnilab_mirror.scene.textures.canvas import Paint
 from omnilab_mirror.scene.world_yaml import Section
 
 if TYPE_CHECKING:
-    from omnilab_mirror.scene.meshes.mesh_file import MeshFile  # which loads trimesh
+    from omnilab_mirror.scene.meshes.mesh_file import MeshFile
 
 
 @dataclass

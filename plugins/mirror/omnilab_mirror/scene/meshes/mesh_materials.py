@@ -1,100 +1,119 @@
-"""Materials of a mesh file: pictures, texture coordinates on each triangle, and colours of the corners."""
+"""Pictures and colours of a mesh file: decoded once each, within limits, as RGB of 8 bits."""
 
 from __future__ import annotations
 
+import io
+import warnings
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import trimesh
 from PIL import Image
-from trimesh.visual import TextureVisuals, to_rgba
-from trimesh.visual.material import PBRMaterial
 
-from omnilab.api import Bytes
+from omnilab.api import Bytes, Floats
 from omnilab.errors import DataError
+from omnilab_mirror.scene.file_stamps import Stamp, stamp_of
+from omnilab_mirror.scene.nearby_files import bytes_of, file_below
 
 Array = npt.NDArray[Any]
 GREY = (160, 160, 160)  # of what has no colour
+MAX_BYTES = 64_000_000  # of a file beside the mesh
 MAX_PIXELS = 64_000_000  # of one texture
 MAX_TEXELS = 200_000_000  # of all of them
+HIGHEST_SHARE = 2.0  # of colours that are fractions, a few of which may be more than 1
 WHITE = np.full((1, 1, 3), 255, np.uint8)
+BROKEN = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)  # what Pillow raises
+ORIENTATION = 0x0112  # of EXIF
 
 
 @dataclass
 class MeshMaterials:
-    """The materials of one file as pictures, each decoded once."""
+    """What belongs to a mesh file: the files in its folder, its pictures, and what is noted about them."""
 
     file: Path
-    missing: dict[str, str]  # takes the textures that cannot be decoded, with the reason
+    notes: Counter[str] = field(default_factory=Counter)  # what was read otherwise than written, and how often
+    files: dict[Path, bytes] = field(default_factory=dict)  # beside the mesh, that were read
+    stamps: dict[Path, Stamp] = field(default_factory=dict)  # of those and of the missing
+    missing: dict[str, str] = field(default_factory=dict)  # textures and materials that cannot be had, with the reason
     pictures: dict[Any, Bytes] = field(default_factory=dict)
-    images: list[Any] = field(default_factory=list)  # keeps the identities that are keys of `pictures` alive
+    found: set[str] = field(default_factory=set)  # names of the textures that could be had
+    count: int = 0  # of materials
 
-    def of(self, mesh: trimesh.Trimesh, faces: Array) -> tuple[Bytes, Array, Bytes]:
-        """Picture (h, w, 3), places on it (T, 3, 2) float32, and colours (T, 3, 3) of the faces (T, 3) of a mesh."""
-        nowhere = np.zeros((*faces.shape, 2), np.float32)
-        if not isinstance(mesh.visual, TextureVisuals):
-            return WHITE, nowhere, self._vertex_colors(mesh, faces)
-        visual, material = mesh.visual, mesh.visual.material
-        colors = visual.vertex_attributes.get("color") if visual.vertex_attributes else None
-        tint = np.full((*faces.shape, 3), 255, np.uint8) if colors is None else self._srgb(_bytes(colors))[faces]
-        image = material.baseColorTexture if isinstance(material, PBRMaterial) else getattr(material, "image", None)
-        if image is None or visual.uv is None:
-            return self._plain(self._color(material)), nowhere, tint
-        uv = np.asarray(visual.uv, np.float32)[faces][..., :2] * np.array([1, -1], np.float32) + np.array(
-            [0, 1], np.float32
-        )
-        factor = material.baseColorFactor if isinstance(material, PBRMaterial) else None
-        return self._texture(image, None if factor is None else self._color(material)), np.nan_to_num(uv), tint
+    def beside(self, name: str) -> bytes:
+        """The content of a file in the mesh's folder or below; OSError or ValueError where it cannot be had."""
+        path = file_below(self.file.parent, name.strip().strip('"').replace("\\", "/"))
+        if path not in self.files:
+            self.stamps[path] = stamp_of(path)
+            self.files[path] = bytes_of(path, MAX_BYTES)
+        return self.files[path]
 
-    def _vertex_colors(self, mesh: trimesh.Trimesh, faces: Array) -> Bytes:
-        if mesh.visual.kind == "vertex":
-            return self._srgb(_bytes(mesh.visual.vertex_colors))[faces]
-        if mesh.visual.kind == "face":
-            return np.repeat(_bytes(mesh.visual.face_colors)[:, None], 3, axis=1)
-        return np.full((*faces.shape, 3), GREY, np.uint8)
+    def lacks(self, name: str, error: Exception) -> None:
+        """Note that a texture or a file of materials cannot be had."""
+        cause = str(getattr(error, "strerror", None) or error).split(" <")[0]
+        self.missing.setdefault(name, cause)
 
-    def _color(self, material: Any) -> Bytes:
-        if isinstance(material, PBRMaterial):
-            factor = np.array([255, 255, 255]) if material.baseColorFactor is None else material.baseColorFactor
-            return np.asarray(self._srgb(_bytes(np.asarray(factor)[None]))[0])
-        return np.asarray(_bytes(np.asarray(material.main_color)[None])[0])
-
-    def _srgb(self, colors: Bytes) -> Bytes:
-        """GLB has colours linear in light, unlike its pictures (glTF 2.0, 3.9.2); IEC 61966-2-1 is what images show."""
-        if self.file.suffix.lower() != ".glb":
-            return colors
-        c = colors / 255
-        return np.asarray(np.rint(255 * np.where(c < 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055)), np.uint8)
-
-    def _plain(self, color: Bytes) -> Bytes:
-        return self.pictures.setdefault(color.tobytes(), color.reshape(1, 1, 3))
-
-    def _texture(self, image: Image.Image, tint: Bytes | None) -> Bytes:
-        """The pixels of an image, multiplied by a colour."""
-        key = id(image), None if tint is None else tint.tobytes()
+    def texture(self, name: str, factor: Floats | None = None, data: bytes | None = None) -> Bytes:
+        """Pixels (h, w, 3) of a picture in the mesh's folder, or of `data`, times a factor (3,); grey where it has none."""
+        key = name, None if factor is None else tuple(factor)
         if key not in self.pictures:
-            self.images.append(image)
-            pixels = self._pixels(image)
-            self.pictures[key] = pixels if tint is None else np.rint(pixels * (tint / 255)).astype(np.uint8)
+            pixels = self._pixels(name, data)
+            self.pictures[key] = pixels if factor is None else np.rint(pixels * np.asarray(factor)).astype(np.uint8)
             if sum(picture.size // 3 for picture in self.pictures.values()) > MAX_TEXELS:
                 raise DataError(f"{self.file} has textures of more than {MAX_TEXELS} pixels; make them smaller")
         return self.pictures[key]
 
-    def _pixels(self, image: Image.Image) -> Bytes:
-        name = str(image.info.get("file_path", "a texture"))
+    def plain(self, color: Bytes) -> Bytes:
+        """A picture of one pixel of a colour (3,)."""
+        return self.pictures.setdefault(color.tobytes(), color.reshape(1, 1, 3))
+
+    def colors(self, values: Array) -> Bytes:
+        """RGB (N, 3) of 8 bits of colours (N, 3 or more) of a file: integers of 8 or 16 bits, or numbers from 0 to 1."""
+        values = values[:, :3]
+        highest = np.nanmax(values, initial=0) if values.dtype.kind == "f" else np.max(values, initial=0)
+        if values.dtype.kind == "f" and highest <= HIGHEST_SHARE:
+            values = values * 255
+        elif values.dtype.kind == "f":
+            self.notes["sets of colours go above 1 and were read as 0 to 255"] += 1
+        elif highest > 255:
+            values = values / 257
+        elif highest == 1:
+            self.notes["sets of colours are whole numbers of 0 and 1 only, almost black among 0 to 255"] += 1
+        outside = ~((values >= 0) & (values <= 255)).all(axis=1)
+        self.notes["colours below 0, above their largest or not a number were cut off"] += int(outside.sum())
+        return np.asarray(np.rint(np.clip(np.nan_to_num(values), 0, 255)), np.uint8)
+
+    def _pixels(self, name: str, data: bytes | None) -> Bytes:
+        try:
+            pixels = self._decoded(name, self.beside(name) if data is None else data)
+        except BROKEN as error:
+            self.lacks(name, error)
+            return np.full((1, 1, 3), GREY, np.uint8)
+        self.found.add(name)
+        return pixels
+
+    def _decoded(self, name: str, data: bytes) -> Bytes:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # about the size, which is judged here
+            image = Image.open(io.BytesIO(data))
         if image.width * image.height > MAX_PIXELS:
             raise DataError(f"{self.file}: '{name}' has {image.width} x {image.height} pixels, {MAX_PIXELS} may be read;"
                             " make it smaller")  # fmt: skip
-        try:
-            return np.asarray(image.convert("RGB"))
-        except (OSError, ValueError, SyntaxError) as error:
-            self.missing[name] = str(error)
-            return np.full((1, 1, 3), GREY, np.uint8)
+        if image.getexif().get(ORIENTATION, 1) > 1:
+            self.notes[
+                "textures have an EXIF orientation, which was not applied: texture coordinates are of the pixels"
+            ] += 1
+        if image.mode == "F":
+            raise ValueError("its pixels are fractions; save it with 8 or 16 bits")
+        if image.mode.startswith("I"):  # 16 bits, which Pillow would cut off at 255
+            grey = np.clip(np.rint(np.asarray(image) / 257), 0, 255).astype(np.uint8)
+            return np.repeat(grey[..., None], 3, axis=2)
+        return np.asarray(image.convert("RGB"))
 
 
-def _bytes(colors: Array) -> Bytes:
-    """RGB (N, 3) uint8 of colours (N, 3 or 4) of any kind."""
-    return np.asarray(to_rgba(colors)[:, :3])
+def linear_to_srgb(linear: Floats) -> Floats:
+    """What images show, from 0 to 1, of light from 0 to 1 (IEC 61966-2-1)."""
+    c = np.clip(np.nan_to_num(linear), 0, 1)
+    return np.asarray(np.where(c < 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055))

@@ -11,6 +11,7 @@ from omnilab_mirror.scene.meshes.triangles import Triangles
 MAX_TRIANGLES = 60_000
 FINEST_M = 0.01  # the smallest size of a cluster; it grows until the triangles are few enough
 CEILING_M = 2.0  # above the lowest point; what is lower is furniture
+MAX_CELLS = 2_000_000  # along a side: the number of all of them fits in 64 bits
 SIDE = 64  # pixels of a picture that colours are taken from
 
 
@@ -39,12 +40,14 @@ def _corner_colors(triangles: Triangles) -> Floats:
     """RGB (T, 3, 3) of each corner: its tint times the picture there, halfway to the mean over the triangle."""
     small = [cv2.resize(picture, (SIDE, SIDE), interpolation=cv2.INTER_AREA) for picture in triangles.pictures]
     middle = triangles.uv.mean(axis=1, keepdims=True)
-    column, row = np.moveaxis(np.floor((triangles.uv + middle) / 2 % 1 * SIDE).astype(int), -1, 0)
+    column, row = np.moveaxis(np.floor((triangles.uv + middle) / 2 % 1 * SIDE).astype(int) % SIDE, -1, 0)
     return np.asarray(np.stack(small)[triangles.picture[:, None], row, column] * (triangles.colors / 255))
 
 
 def _clustered(points: Floats, colors: Floats, cell_m: float) -> Mesh:
     """Triangles between the means of the points (3 T, 3) in each cell, each once, with the mean colours."""
+    extent = points.max(axis=0) - points.min(axis=0)
+    cell_m = max(cell_m, float(extent.max()) / MAX_CELLS)
     cells = np.floor((points - points.min(axis=0)) / cell_m).astype(np.int64)
     size = cells.max(axis=0) + 1
     _, cell, count = np.unique(np.ravel_multi_index(cells.T, size.tolist()), return_inverse=True, return_counts=True)
