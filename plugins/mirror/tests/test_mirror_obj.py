@@ -20,20 +20,6 @@ PLACES = "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
 FOUR = np.array([[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [255, 255, 0]]], np.uint8)  # red, green above blue, yellow
 
 
-def area(mesh: MeshFile) -> float:
-    return float(np.linalg.norm(mesh.triangles.normals.astype(float), axis=1).sum()) / 2
-
-
-def shown(mesh: MeshFile) -> list[tuple[int, ...]]:
-    """The colours in the middles of the triangles, each once."""
-    t, colors = mesh.triangles, set()
-    for picture, uv, tint in zip(t.picture, t.uv.mean(axis=1), t.colors.mean(axis=1), strict=True):
-        h, w, _ = t.pictures[picture].shape
-        x, y = int(uv[0] % 1 * w) % w, int(uv[1] % 1 * h) % h
-        colors.add(tuple(np.rint(t.pictures[picture][y, x] * (tint / 255)).astype(int).tolist()))
-    return sorted(colors)
-
-
 @pytest.fixture
 def read(tmp_path):
     """Writes a file and others beside it, and reads it."""
@@ -57,7 +43,7 @@ CORNERS = {"v": "{0}", "v/vt": "{0}/{1}", "v//vn": "{0}//1", "v/vt/vn": "{0}/{1}
 
 @settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
-def test_faces_written_in_any_dialect_are_the_same(tmp_path, data):
+def test_faces_written_in_any_dialect_are_the_same(area, tmp_path, data):
     rng = np.random.default_rng(data.draw(st.integers(0, 10**6)))
     lines, total, points, count = [], 0.0, [], 0
     style = CORNERS[data.draw(st.sampled_from(list(CORNERS)))]
@@ -107,7 +93,7 @@ def test_faces_written_in_any_dialect_are_the_same(tmp_path, data):
         b"# caf\xe9\n" + (SQUARE + "o caf\u00e9\nf 1 2 3 4").encode("latin-1"),
     ],
 )
-def test_one_square(read, text):
+def test_one_square(area, shown, read, text):
     mesh = read(text)
     assert area(mesh) == pytest.approx(12)
     assert mesh.triangles.bounds.tolist() == [[0, 0, 0], [4, 3, 0]]
@@ -124,7 +110,7 @@ def test_files_are_read_in_chunks(read, monkeypatch):
         )
 
 
-def test_a_concave_floor_of_20_square_metres_has_20(read):
+def test_a_concave_floor_of_20_square_metres_has_20(area, read):
     corners = [(0, 0), (6, 0), (6, 2), (2, 2), (2, 6), (0, 6)]
     assert area(read("".join(f"v {x} {y} 0\n" for x, y in corners) + "f 1 2 3 4 5 6\n")) == 20
 
@@ -157,13 +143,13 @@ USED = SQUARE + "usemtl red\nf 1 2 3 4\n"
         ("mtllib m.mtl\n", {"m_mtl": "newmtl red\n  kd 1.0 0.0 0.0 # light\n  Ka 0 0 0\n  illum 2\n"}),
     ],
 )
-def test_materials_are_found(read, lines, files):
+def test_materials_are_found(shown, read, lines, files):
     mesh = read(lines + USED, **files)
     assert shown(mesh) == [(255, 0, 0)]
     assert mesh.notes == []
 
 
-def test_names_in_latin_1_are_matched(read):
+def test_names_in_latin_1_are_matched(shown, read):
     mesh = read(b"mtllib m.mtl\n" + (SQUARE + "usemtl gr\u00fcn\nf 1 2 3 4\n").encode("latin-1"),
                 m_mtl="newmtl gr\u00fcn\nKd 0 1 0\n".encode("latin-1"))  # fmt: skip
     assert shown(mesh) == [(0, 255, 0)]
@@ -184,7 +170,7 @@ def test_names_in_latin_1_are_matched(read):
         ("", GREY, None),
     ],
 )
-def test_colours_of_materials(read, material, color, note):
+def test_colours_of_materials(shown, read, material, color, note):
     mesh = read("mtllib m.mtl\n" + USED, m_mtl=f"newmtl red\n{material}\n")
     assert shown(mesh) == [color]
     assert (note is None and mesh.notes == []) or (note and len(mesh.notes) == 1 and note in mesh.notes[0])
@@ -212,7 +198,7 @@ def test_materials_that_are_nowhere_are_named(read):
         ("MY.PNG", [GREY], "'MY.PNG' (No such file"),
     ],
 )
-def test_textures_of_materials(read, map_kd, color, note):
+def test_textures_of_materials(shown, read, map_kd, color, note):
     mesh = read(
         "mtllib m.mtl\n" + SQUARE + PLACES + "v 2 1.5 0\nvt 0.5 0.5\nusemtl red\nf 1/1 2/2 5/5\nf 2/2 3/3 5/5\nf 3/3 4/4 5/5\nf 4/4 1/1 5/5\n",
         m_mtl=f"newmtl red\nmap_Kd {map_kd}\n", four_png=np.kron(FOUR, np.ones((8, 8, 1), np.uint8)), my__four_png=FOUR,
@@ -224,7 +210,7 @@ def test_textures_of_materials(read, map_kd, color, note):
     assert (note is None and mesh.notes == []) or (note and len(mesh.notes) == 1 and note in mesh.notes[0])
 
 
-def test_a_texture_without_places_is_said(read):
+def test_a_texture_without_places_is_said(shown, read):
     mesh = read("mtllib m.mtl\n" + SQUARE + PLACES + "usemtl red\nf 1/1 2/2 3/3\nf 1 3 4\n",
                 m_mtl="newmtl red\nKd 1 0 1\nmap_Kd blue.png\n", blue_png=np.full((2, 2, 3), (0, 0, 255), np.uint8))  # fmt: skip
     assert shown(mesh) == [(0, 0, 255), (255, 0, 255)]
@@ -232,19 +218,19 @@ def test_a_texture_without_places_is_said(read):
 
 
 @pytest.mark.parametrize("colors", ["1 0 0.2", "255 0 51", "1 0 0.2 1"])
-def test_colours_of_vertices_in_both_units(read, colors):
+def test_colours_of_vertices_in_both_units(shown, read, colors):
     mesh = read("".join(f"{line} {colors}\n" for line in SQUARE.splitlines()) + "f 1 2 3 4\n")
     assert shown(mesh) == [(255, 0, 51)]
     assert len(mesh.notes) == (colors == "255 0 51")
 
 
-def test_a_dark_part_of_a_file_from_0_to_255_stays_dark(read):
+def test_a_dark_part_of_a_file_from_0_to_255_stays_dark(shown, read):
     dark = "".join(f"v {x} 0 0 1 1 1\n" for x in (0, 1)) + "v 0 1 0 1 1 1\n"
     light = "".join(f"v {x} 0 5 200 200 200\n" for x in (0, 1)) + "v 0 1 5 200 200 200\n"
     assert shown(read(dark + light + "o a\nf 1 2 3\no b\nf 4 5 6\n")) == [(1, 1, 1), (200, 200, 200)]
 
 
-def test_vertices_with_and_without_colours(read):
+def test_vertices_with_and_without_colours(shown, read):
     mesh = read(SQUARE.replace("v 4 3 0", "v 4 3 0 1 0 0") + "v 9 9 9 0 0 1\nf 1 2 4\n")
     assert shown(mesh) == [GREY]
 
@@ -262,7 +248,7 @@ def test_vertices_with_and_without_colours(read):
         (np.full((4, 4), 25_700, np.uint16), None, "t.tif", (100, 100, 100), None),
     ],
 )
-def test_pictures_of_other_depths(read, tmp_path, pixels, mode, name, color, note):
+def test_pictures_of_other_depths(shown, read, tmp_path, pixels, mode, name, color, note):
     Image.fromarray(pixels, mode=mode).save(tmp_path / name) if mode is None else Image.merge(
         mode, [Image.fromarray(pixels[..., i]) for i in range(2)]
     ).save(tmp_path / name)
@@ -311,7 +297,7 @@ def test_what_is_wrong_is_said_with_its_line(read, text, sentence):
 
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
 def test_utf_16_is_named(read, encoding):
-    with pytest.raises(DataError, match="UTF-16 or binary.*save it as UTF-8 text"):
+    with pytest.raises(DataError, match=r"UTF-16 or binary.*save it as UTF-8 text"):
         read((SQUARE + "f 1 2 3 4\n").encode(encoding))
 
 
