@@ -34,6 +34,7 @@ from omnilab.api.data import (
     Optimized,
     Places,
     PoseGraph,
+    Provenance,
     Signatures,
     Unusable,
 )
@@ -138,6 +139,7 @@ __all__ = [
     "PoseGraph",
     "PoseRequest",
     "Progress",
+    "Provenance",
     "RandomPoses",
     "Record",
     "RecordedPoses",

@@ -100,6 +100,19 @@ class Signatures:
 
 
 @dataclass(frozen=True)
+class Provenance:
+    """What images are of, and were taken by: those of a map and its queries should be alike."""
+
+    camera: str  # the name of its model
+    width: int
+    height: int
+    elevations_deg: tuple[float, float] | None  # lowest and highest of its panoramas; None if it is not calibrated
+    color: bool
+    world: str | None = None  # a virtual one, where the sensor says which: its name
+    world_digest: str | None = None  # of its content and its variant
+
+
+@dataclass(frozen=True)
 class Places:
     """The map: P described images, with their poses where these are known."""
 
@@ -107,6 +120,7 @@ class Places:
     T_world_camera: Floats | None  # (P, 4, 4)
     keys: Sequence[str]
     descriptor_state: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)  # of a trained descriptor
+    provenance: Provenance | None = None  # of their images; None: not known
 
     def __len__(self) -> int:
         return len(self.signatures)

@@ -37,7 +37,10 @@ from omnilab.api.results import Recorder, Report
 
 @runtime_checkable
 class Sensor(Protocol):
-    """Images of the world. Virtual ones image any pose; recorded ones say which of theirs a layout takes."""
+    """Images of the world. Virtual ones image any pose; recorded ones say which of theirs a layout takes.
+
+    A virtual one may say of which world, `imaged_world`: its name, and a digest of its content and variant.
+    """
 
     def plan(self, layout: PoseRequest) -> Plan:
         """Which frames the sensor has for a layout; DataError in one sentence if it has none."""

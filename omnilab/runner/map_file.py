@@ -1,7 +1,7 @@
 """Saved maps: described places in one file, with what is needed to describe queries in the same way.
 
 A NumPy archive (.npz, uncompressed): `about`, a JSON text with the format's version and the names, versions and settings
-of the components; `keys`, `place`, and where there are such `heading`, `T_world_camera` and `learnt.NAME`. Files may come
+of the components, and by what the images were taken; `keys`, `place`, and where there are such `heading`, `T_world_camera` and `learnt.NAME`. Files may come
 from strangers: nothing in them is unpickled or imported, and nothing is read that is larger than the file.
 """
 
@@ -10,12 +10,14 @@ from __future__ import annotations
 import json
 import zipfile
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import numpy as np
 
-from omnilab.api import Array, Places, Signatures
+from omnilab.api import Array, Places, Provenance, Signatures
 from omnilab.errors import DataError
 
 FILE = "map.npz"
@@ -26,7 +28,8 @@ STATE = "learnt."  # before the names of the arrays of a trained descriptor
 
 def save_map(path: Path, places: Places, about: Mapping[str, Any]) -> None:
     """Write places with what is to be known about them; OSError leaves no half file."""
-    text = json.dumps({"format": FORMAT, "version": VERSION, **about})
+    provenance = None if places.provenance is None else asdict(places.provenance)
+    text = json.dumps({"format": FORMAT, "version": VERSION, "provenance": provenance, **about})
     arrays: dict[str, Array] = {"about": np.array(text), "keys": np.array(list(places.keys), dtype=np.str_)}
     arrays["place"] = places.signatures.place
     if places.signatures.heading is not None:
@@ -73,7 +76,7 @@ def about_map(path: Path) -> dict[str, Any]:
 
 def load_places(path: Path) -> Places:
     """The places of a map file; DataError, with the reason, if they are not sound."""
-    about_map(path)
+    provenance = _provenance(path, about_map(path))
     arrays = _arrays(path)
     try:
         place, keys = arrays["place"], arrays["keys"]
@@ -93,7 +96,25 @@ def load_places(path: Path) -> Places:
         if part is not None and kind is not np.str_ and not np.isfinite(part).all():
             raise _unusable(path, f"{name} holds NaN or infinity")
     state = {name.removeprefix(STATE): value for name, value in arrays.items() if name.startswith(STATE)}
-    return Places(Signatures(place, heading), T, keys.tolist(), state)
+    return Places(Signatures(place, heading), T, keys.tolist(), state, provenance)
+
+
+def _provenance(path: Path, about: Mapping[str, Any]) -> Provenance | None:
+    """What the images of a map are; None for a map of before such was kept."""
+    kept = about.get("provenance")
+    if kept is None:
+        return None
+    kinds: dict[str, tuple[type, ...]] = {
+        "camera": (str,), "width": (int,), "height": (int,), "elevations_deg": (list, NoneType), "color": (bool,),
+        "world": (str, NoneType), "world_digest": (str, NoneType),
+    }  # fmt: skip
+    if not isinstance(kept, dict) or not all(name in kept and isinstance(kept[name], kinds[name]) for name in kinds):
+        raise _unusable(path, "what it says of its images' camera is not sound")
+    degrees = kept["elevations_deg"]
+    if degrees is not None and not (len(degrees) == 2 and all(isinstance(d, int | float) for d in degrees)):
+        raise _unusable(path, "what it says of its images' camera is not sound")
+    elevations = None if degrees is None else (float(degrees[0]), float(degrees[1]))
+    return Provenance(**{name: kept[name] for name in kinds} | {"elevations_deg": elevations})
 
 
 def _arrays(path: Path, wanted: list[str] | None = None) -> dict[str, Array]:

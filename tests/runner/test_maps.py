@@ -3,13 +3,14 @@
 import io
 import json
 import zipfile
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from omnilab.api import Places, Signatures
+from omnilab.api import Places, Provenance, Signatures
 from omnilab.errors import DataError
 from omnilab.geometry import planar_poses
 from omnilab.runner.map_file import FILE, about_map, load_places, map_file, save_map
@@ -56,6 +57,15 @@ def test_a_map_comes_back_bit_for_bit(tmp_path, heading, poses):
     assert not list(tmp_path.glob("*.part"))
 
 
+PROVENANCE = Provenance("HyperbolicMirror", 250, 250, (-60.0, 17.5), False, "room", "digest")
+
+
+@pytest.mark.parametrize("provenance", [None, PROVENANCE, replace(PROVENANCE, elevations_deg=None, world=None)])
+def test_what_the_pictures_are_comes_back(tmp_path, provenance):
+    save_map(tmp_path / FILE, replace(places(), provenance=provenance), ABOUT)
+    assert load_places(tmp_path / FILE).provenance == provenance
+
+
 def test_numpy_alone_reads_it(file):
     with np.load(file, allow_pickle=False) as archive:
         assert json.loads(archive["about"].item())["version"] == 1
@@ -93,6 +103,10 @@ def about(**changed):
         ({"about": np.array("[1]")}, "does not say that it is"),
         ({"about": about(components=[])}, "names no components"),
         ({"about": about(config={"descriptor": 3})}, "names no config"),
+        ({"about": about(provenance=[])}, "its images' camera is not sound"),
+        ({"about": about(provenance={"camera": "a"})}, "its images' camera is not sound"),
+        ({"about": about(provenance=asdict(PROVENANCE) | {"width": "wide"})}, "its images' camera is not sound"),
+        ({"about": about(provenance=asdict(PROVENANCE) | {"elevations_deg": [1]})}, "its images' camera is not sound"),
         ({"about": None}, "has no about"),
         ({"place": None}, "'place' is missing"),
         ({"keys": None}, "'keys' is missing"),

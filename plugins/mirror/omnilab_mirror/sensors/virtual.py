@@ -6,6 +6,7 @@ import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -87,6 +88,11 @@ class VirtualCamera(ABC):
         from omnilab_mirror.render.viewer_mesh import mesh_of
 
         return mesh_of(self._world())
+
+    @property
+    def imaged_world(self) -> tuple[str, str]:
+        """The world's name, and a digest of its content and variant."""
+        return Path(self.world).stem, self._world().digest
 
     def _world(self) -> World:
         from omnilab_mirror.scene.load import load_world

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -13,11 +14,14 @@ from omnilab.api import (
     Parts,
     Places,
     Plan,
+    Provenance,
     Recorder,
+    Sensor,
     Signatures,
     Trainable,
     TrainedDescriptor,
 )
+from omnilab.cameras.base import not_too_steep
 from omnilab.errors import DataError, PluginError
 from omnilab.image import view_of
 from omnilab_studies.common.frames import deliver
@@ -53,6 +57,7 @@ def describe_places(parts: Parts, plan: Plan, record: Recorder, stage: str = "pl
     DataError if there is none.
     """
     signatures: Signatures | None = None
+    provenance: Provenance | None = None
     keys: list[str] = []
     omitted = list(plan.omitted)
     poses: list[Floats] = []
@@ -60,7 +65,7 @@ def describe_places(parts: Parts, plan: Plan, record: Recorder, stage: str = "pl
     for frames in deliver(parts, plan, record, stage):
         described = describe(parts.descriptor, frames, record)
         if signatures is None:
-            signatures = _empty(described, len(plan))
+            signatures, provenance = _empty(described, len(plan)), provenance_of(frames, parts.sensor)
         signatures.place[count : count + len(frames)] = described.place
         if signatures.heading is not None and described.heading is not None:
             signatures.heading[count : count + len(frames)] = described.heading
@@ -72,7 +77,24 @@ def describe_places(parts: Parts, plan: Plan, record: Recorder, stage: str = "pl
     if signatures is None:
         raise DataError("the sensor delivered no places for the study's layout; give a larger area or a smaller step")
     state = parts.descriptor.state() if isinstance(parts.descriptor, TrainedDescriptor) else {}
-    return Places(signatures[slice(count)], np.concatenate(poses) if poses else None, keys, state), omitted
+    return Places(signatures[slice(count)], np.concatenate(poses) if poses else None, keys, state, provenance), omitted
+
+
+def provenance_of(frames: Frames, sensor: Sensor) -> Provenance:
+    """By what frames were taken, and of what; the elevations are those of their panoramas."""
+    camera = frames.camera
+    elevations = getattr(camera, "elevations_rad", None)
+    lowest, highest = not_too_steep(*elevations) if elevations else (0.0, 0.0)
+    world, digest = getattr(sensor, "imaged_world", (None, None))
+    return Provenance(
+        camera=f"{type(camera).__name__}{' with the sky inside' if getattr(camera, 'sky_inside', False) else ''}",
+        width=int(camera.width),
+        height=int(camera.height),
+        elevations_deg=(math.degrees(lowest), math.degrees(highest)) if elevations else None,
+        color=frames.images.ndim == 4,
+        world=world,
+        world_digest=digest,
+    )
 
 
 def _empty(like: Signatures, count: int) -> Signatures:

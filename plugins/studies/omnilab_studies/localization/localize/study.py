@@ -34,6 +34,7 @@ from omnilab_studies.common.scores import query_table
 from omnilab_studies.common.tables import columns_of, markdown_table
 from omnilab_studies.localization.figures import localization_figures
 from omnilab_studies.localization.layout import LAYOUT
+from omnilab_studies.localization.localize.same_pictures import ComparedSensor
 
 TITLE = "Localisation"  # of the summary
 
@@ -45,6 +46,7 @@ class Localize:
     Where the sensor knows the poses of the queries the estimates are scored; queries far from every place count as
     having no true place. Queries of a recording without positions are localised and not scored. Localizers of sequences
     (`localizer=bayes_filter`) get the motion between queries where `odometry_noise` is given: the true motion with noise.
+    Queries by another camera, in other colours or of another world than the map's are refused, unless `other_pictures`.
     """
 
     queries: Source = Source.random  # random, path or recorded
@@ -61,6 +63,7 @@ class Localize:
         None, at_least=0
     )  # standard deviation in parts of each motion; null: no odometry
     show: int = setting(100, at_least=0)  # queries whose images go into the logs; the numbers of all of them do
+    other_pictures: bool = False  # true: queries by another camera, of another world or colour than the map's are meant
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "map", "localizer")  # the map brings descriptor and distance
 
@@ -77,7 +80,8 @@ class Localize:
         )
         if isinstance(parts.descriptor, Trainable):
             parts = replace(parts, descriptor=parts.descriptor.restore(parts.map.descriptor_state))
-        run = LocalizationRun(parts, parts.map, record, self.show)
+        compared = ComparedSensor(parts.sensor, parts.map, parts.descriptor.color, self.other_pictures)
+        run = LocalizationRun(replace(parts, sensor=compared), parts.map, record, self.show)
         record.log("places", PlaceMap(run.places_m))
         seed = int(rng.integers(2**32))  # of the disturbances
         if plan.T_world_camera is None:
