@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from enum import Enum
@@ -18,18 +19,29 @@ from omnilab.api import Bytes, Floats, Frames, Ints, Mesh, Plan, PoseRequest, ch
 from omnilab.cameras import ImageCircle, RayCamera
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import poses, rotation_xyz
+from omnilab_recordings import remarks
 from omnilab_recordings.calibration import CameraFile, check_frame_of
-from omnilab_recordings.images.decoding import decode
+from omnilab_recordings.images.circle import inscribed
+from omnilab_recordings.images.decoding import DecodedImage, Decoder
 from omnilab_recordings.images.depth import read_depth
 from omnilab_recordings.images.files import existing, read_bytes
-from omnilab_recordings.optics import Optics, check_circle, circle_of, most_common_size, off_ring, unseen_in
+from omnilab_recordings.optics import Optics, check_circle, circle_of, most_alike, off_ring, unseen_in
+from omnilab_recordings.panoramas import Panorama, panorama_camera, panorama_kind, proposal
 from omnilab_recordings.poses.filename_poses import Naming, naming
 from omnilab_recordings.recording import POSITIONS_FILE, Recording, open_recording
 
 R = TypeVar("R")
 
+log = logging.getLogger("omnilab")
+
 SAMPLE = 16  # images by which the size and the circle of all are found
 AHEAD = 16  # images that are read in advance
+NEARLY_SQUARE = 0.02
+GUESSED = (
+    "no dark surround shows where the mirror is, and the circle inscribed in the frame is a guess: give"
+    " sensor.circle_px=[cx,cy,radius]"
+)
+MOST_BYTES = 2**28  # of pictures that are handed over at a time, and that are read in advance
 
 
 class OnBadImage(Enum):
@@ -45,6 +57,7 @@ class _LoadedImage:
     key: str
     picture: Bytes
     depth_m: Floats | None
+    remarks: Mapping[str, str]
 
 
 @dataclass
@@ -77,6 +90,7 @@ class Folder:
     looks: str | None = None  # where the file leaves it open: down, up or ahead; null: ahead of pinholes, else down
     entry: str | None = None  # which camera of a calibration with several, such as cam1
     distortion: str | None = None  # of OpenCV's files that do not say: radtan (pinhole) or equidistant (fisheye)
+    panorama: Panorama | None = None  # equirectangular or strip: the files are panoramas, their middle is the front
     circle_px: list[float] | None = None  # cx, cy, radius and, if need be, inner radius in the files; null: found
     sky_inside: bool = False  # the horizon is crossed inwards: the sky is at the centre
     blank_outside: bool = False  # set what lies off the circle's ring to 0
@@ -84,9 +98,13 @@ class Folder:
     mirrored: bool = False  # azimuth runs clockwise in the files
     turned_deg: float = 0.0  # azimuth in the picture, once flipped, of the direction that yaw_deg speaks of
     color: bool = False  # RGB instead of grey
+    exif_orientation: bool = True  # turn pictures as their EXIF tags say, as viewers do; or take the pixels as stored
+    bits: int | None = setting(
+        None, at_least=8, at_most=16
+    )  # that files of 16 bits a sample use, such as 12; null: as they declare, or all
     depth: bool = False  # also the depth of a rendered data set: depth/NAME.npy for images/NAME.png
     on_bad_image: OnBadImage = OnBadImage.fail  # or skip
-    batch: int = setting(64, at_least=1, at_most=4096)  # images handed over at a time
+    batch: int = setting(64, at_least=1, at_most=4096)  # images handed over at a time, fewer where they are large
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -94,6 +112,8 @@ class Folder:
             raise ConfigError(f"pattern={self.pattern!r} does not stay below the folder; give one such as **/*.png")
         if self.circle_px is not None:
             check_circle(self.circle_px)
+        if self.panorama is not None:
+            self.panorama = panorama_kind(self.panorama)
         self._naming()
 
     def plan(self, layout: PoseRequest) -> Plan:
@@ -103,13 +123,15 @@ class Folder:
 
     def frames(self, plan: Plan) -> Iterator[Frames]:
         """The planned images, `batch` at a time; DataError if none of them can be read."""
+        self._warn(self.remarks)
         loaded: list[_LoadedImage] = []
         omitted: list[str] = []
         for image in self._images(plan.keys):
             if isinstance(image, str):
                 omitted.append(image)
                 continue
-            if len(loaded) == self.batch:
+            self._warn(remarks.of_files({plan.keys[image.index]: image.remarks}))
+            if len(loaded) == min(self.batch, self._at_a_time):
                 yield self._packed(plan, loaded, omitted)
                 loaded, omitted = [], []
             loaded.append(image)
@@ -133,11 +155,17 @@ class Folder:
         """Each image, or why it is left out."""
         read = partial(_read, self.root, self.optics, self.depth)
         with ThreadPoolExecutor(2) as pool:
-            for index, reading in enumerate(_ahead(pool, read, names)):
+            for index, reading in enumerate(_ahead(pool, read, names, min(AHEAD, self._at_a_time))):
                 try:
                     yield _LoadedImage(index, *reading.result())
                 except DataError as error:
                     yield self._left_out(error)
+
+    @property
+    def _at_a_time(self) -> int:
+        """How many pictures are no more than MOST_BYTES."""
+        samples = (3 if self.color else 1) + (4 if self.depth else 0)
+        return max(1, MOST_BYTES // (samples * self.optics.unseen.size))
 
     def _left_out(self, error: DataError) -> str:
         if self.on_bad_image is OnBadImage.skip:
@@ -185,60 +213,124 @@ class Folder:
     @cached_property
     def optics(self) -> Optics:
         """The camera, and what becomes of the pixels of a file."""
-        sample = most_common_size(self.sample())
-        camera = self._camera(sample)
+        sample = most_alike(self.sample)
         shape = sample[0].shape
+        camera = self._camera(sample)
         unseen = np.zeros(shape, bool) if self.mask is None else unseen_in(self.root, self.mask, shape)
         if self.blank_outside:
             unseen |= off_ring(camera.circle, shape)
-        return Optics(camera.flipped() if self.mirrored else camera, unseen, self.mirrored, self.color)
+        decoder = Decoder(self.color, self.exif_orientation, self.bits)
+        return Optics(camera.flipped() if self.mirrored else camera, unseen, self.mirrored, decoder, sample[0].deep)
 
-    def _camera(self, sample: Sequence[Bytes]) -> RayCamera | ImageCircle:
-        """Camera of the files: as calibrated or, without a calibration, the circle."""
+    def _camera(self, sample: Sequence[DecodedImage]) -> RayCamera | ImageCircle:
+        """Camera of the files: as calibrated or declared or, without a calibration, the circle."""
         height, width = sample[0].shape
-        if (calibrated := self.camera_file.read(self.root, (width, height))) is None:
+        calibrated = self.camera_file.read(self.root, (width, height))
+        if calibrated is not None:
+            file, camera = calibrated
+            if self.panorama is not None:
+                raise ConfigError(
+                    f"panorama={self.panorama.value} is given, but {file} says what camera it is; leave one of them out"
+                )
+            self._check_no_circle(f"the camera in {file} knows its circle and its horizon")
+            check_frame_of(file, camera, (height, width))
+            return camera
+        if self.panorama is not None:
+            self._check_no_circle(f"panorama={self.panorama.value} has no circle and knows its horizon")
+            return panorama_camera(self.panorama, width, height)
+        try:
             return ImageCircle(width, height, circle_of(self.circle_px, sample), self.sky_inside)
-        file, camera = calibrated
+        except DataError as error:
+            proposed = proposal(sample)
+            raise DataError(f"{error}; or, as {proposed}" if proposed else str(error)) from error
+
+    def _check_no_circle(self, reason: str) -> None:
         if self.circle_px is not None or self.sky_inside:
             raise ConfigError(
-                f"circle_px or sky_inside is given, but the camera in {file} knows its circle and its horizon;"
-                " leave them out (a rim is rim_px in the file), or put the file elsewhere"
+                f"circle_px or sky_inside is given, but {reason};"
+                " leave them out (a rim is rim_px in a camera's file), or the file or panorama"
             )
-        check_frame_of(file, camera, (height, width))
-        return camera
 
     @property
     def camera_file(self) -> CameraFile:
         """The file that describes the camera."""
         return CameraFile(self.camera, self.looks, self.entry, self.distortion)
 
-    def sample(self) -> list[Bytes]:
-        """Some images from all over the recording, in grey."""
+    @property
+    def circle_is_doubtful(self) -> bool:
+        """Whether the circle is a guess for pictures that are not square, as the frame of a mirror's circle may well be."""
+        camera = self.optics.camera
+        return self.guessed_circle and abs(camera.width / camera.height - 1) > NEARLY_SQUARE
+
+    @property
+    def guessed_circle(self) -> bool:
+        """Whether the circle is but the one inscribed in the frame, as nothing tells where it is."""
+        camera = self.optics.camera
+        return self.circle_px is None and camera.circle == inscribed((camera.height, camera.width))
+
+    @cached_property
+    def remarks(self) -> dict[str, str]:
+        """What a user should know of how the files are read, a sentence a topic, as far as a sample shows it."""
+        alike = most_alike(self.sample)
+        files = {name: remarks.of_file(image, self.exif_orientation) for name, image in self.sample.items()}
+        other = {
+            "panorama": proposal(alike) if self.guessed_circle else None,
+            "circle": GUESSED if self.circle_is_doubtful and proposal(alike) is None else None,
+            "bits": remarks.of_range(alike, self.bits),
+            "depth maps": remarks.of_depths({name: image.deep for name, image in self.sample.items()}),
+        }
+        return remarks.of_files(files) | {topic: text for topic, text in other.items() if text is not None}
+
+    def _warn(self, sentences: Mapping[str, str]) -> None:
+        """Log what was not logged before."""
+        for topic, sentence in sentences.items():
+            if topic not in self._logged:
+                log.warning("%s: %s", self.path, sentence)
+                self._logged.add(topic)
+
+    @cached_property
+    def _logged(self) -> set[str]:
+        return set()
+
+    @cached_property
+    def sample(self) -> dict[str, DecodedImage]:
+        """Some images from all over the recording, by name, in grey; large ones are reduced."""
         names = self.recording.images
-        sample = []
+        decoder = Decoder(exif_orientation=self.exif_orientation, bits=self.bits)
+        sample, bad = {}, []
         for at in np.unique(np.linspace(0, len(names) - 1, SAMPLE).astype(int)):
             try:
-                sample.append(decode(read_bytes(self.root, names[at]), names[at]))
+                sample[names[at]] = decoder.decode(read_bytes(self.root, names[at]), names[at]).reduced()
             except DataError as error:
-                self._left_out(error)
+                bad.append(self._left_out(error))
         if not sample:
-            raise DataError(f"of the folder {self.path} none of the images looked at can be read; replace the files")
+            raise DataError(
+                f"of the folder {self.path} none of the images looked at can be read: {bad[0]}; replace the files"
+            )
+        if (
+            self.on_bad_image is OnBadImage.fail
+            and (mixed := remarks.of_depths({name: image.deep for name, image in sample.items()})) is not None
+        ):
+            raise DataError(mixed)
         return sample
 
 
-def _read(folder: Path, optics: Optics, depth: bool, name: str) -> tuple[str, Bytes, Floats | None]:
-    """Key and picture of an image file, and its depth if that is wanted."""
+def _read(folder: Path, optics: Optics, depth: bool, name: str) -> tuple[str, Bytes, Floats | None, Mapping[str, str]]:
+    """Key and picture of an image file, its depth if that is wanted, and what is remarkable about it."""
     data = read_bytes(folder, name)
-    picture = optics.picture(decode(data, name, optics.color), name)
+    image = optics.decoder.decode(data, name)
+    picture = optics.picture(image, name)
     depth_m = read_depth(folder, name, picture.shape[:2]) if depth else None
-    return optics.key(name, data), picture, depth_m[:, ::-1] if optics.mirrored and depth_m is not None else depth_m
+    if depth_m is not None and optics.mirrored:
+        depth_m = depth_m[:, ::-1]
+    return optics.key(name, data), picture, depth_m, remarks.of_file(image, optics.decoder.exif_orientation)
 
 
-def _ahead(pool: ThreadPoolExecutor, call: Callable[[str], R], items: Iterable[str]) -> Iterator[Future[R]]:
-    """The calls of all items in their order, a few of them started in advance."""
+def _ahead(pool: ThreadPoolExecutor, call: Callable[[str], R], items: Iterable[str], count: int) -> Iterator[Future[R]]:
+    """The calls of all items in their order, so many of them started in advance."""
     started: deque[Future[R]] = deque()
     for item in items:
         started.append(pool.submit(call, item))
-        if len(started) > AHEAD:
+        if len(started) > count:
             yield started.popleft()
     yield from started

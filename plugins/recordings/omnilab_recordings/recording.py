@@ -95,7 +95,11 @@ def open_recording(
     found = [name for name in image_names(folder, pattern) if (folder / name).resolve() not in aside]
     if not found:
         endings = " ".join(sorted(SUFFIXES))
-        raise DataError(f"the folder {folder} holds no image that matches {pattern} ({endings}); give sensor.path=DIR")
+        lost = [file for file in folder.iterdir() if file.is_symlink() and not file.exists()]
+        links = f", and {lost[0].name} is a link to {lost[0].readlink()}, which is not there" if lost else ""
+        raise DataError(
+            f"the folder {folder} holds no image that matches {pattern} ({endings}){links}; give sensor.path=DIR"
+        )
     if names is not None:
         _check_no_file(folder, positions)
         return Recording(folder, found, positions_of(found, names))

@@ -62,6 +62,12 @@ def test_two_links_into_each_other(tmp_path):
     assert image_names(tmp_path / "data", "**/*") == ["2.png", "a/0.png", "a/b/1.png"]
 
 
+def test_a_link_that_leads_nowhere_is_named(tmp_path):
+    (tmp_path / "images").symlink_to("/nowhere/images")
+    with pytest.raises(DataError, match=r"and images is a link to /nowhere/images, which is not there; give"):
+        Folder(tmp_path).plan(RecordedPoses())
+
+
 def test_a_link_to_a_whole_disk_is_refused(tmp_path, monkeypatch):
     touch(tmp_path, *(f"disk/{i}.txt" for i in range(9)), "data/0.png")
     (tmp_path / "data/images").symlink_to(tmp_path / "disk")

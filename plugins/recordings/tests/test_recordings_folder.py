@@ -188,16 +188,6 @@ def test_jpeg_comes_close(write_recording):
     assert np.abs(all_images(Folder(write_recording([grey], ending="jpg")))[0].astype(int) - grey).mean() < 2
 
 
-def test_pixels_are_taken_as_stored_whatever_the_orientation_tag(write_recording):
-    root = write_recording([picture()[:, :, 0]], ending="jpg")
-    data = (root / "img-0.jpg").read_bytes()
-    tag = bytes.fromhex("49492a0008000000010012010300010000000600000000000000")  # turn by 90 degrees
-    exif = b"\xff\xe1" + (len(tag) + 8).to_bytes(2, "big") + b"Exif\0\0" + tag
-    (root / "img-0.jpg").write_bytes(data[:2] + exif + data[2:])
-    assert cv2.imread(str(root / "img-0.jpg")).shape[:2] == (40, 30)  # the tag is understood
-    assert all_images(Folder(root)).shape == (1, 30, 40)
-
-
 def test_mask_blanks_and_is_no_image_of_the_recording(write_recording):
     grey = picture()[:, :, 0] // 2 + 50
     root = write_recording([grey, grey])

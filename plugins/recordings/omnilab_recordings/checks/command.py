@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+import logging
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from omnilab.api import Bytes, RecordedPoses
+from omnilab.api import Bytes, Plan, RecordedPoses
 from omnilab.cameras import ImageCircle, RayCamera
 from omnilab.errors import ConfigError, DataError, visible
 from omnilab.image import panorama
@@ -18,9 +20,12 @@ from omnilab_recordings.checks import dataset_check
 from omnilab_recordings.checks.dataset_check import Finding
 from omnilab_recordings.checks.handedness import Handedness, Horizon, drift_between, handedness, moves_rad, neighbours
 from omnilab_recordings.checks.handedness import horizon as horizon_of
+from omnilab_recordings.checks.pictures import as_panorama, of_reading
 from omnilab_recordings.checks.report_picture import write_report_picture
-from omnilab_recordings.folder import Folder, OnBadImage
-from omnilab_recordings.optics import most_common_size
+from omnilab_recordings.folder import SAMPLE, Folder, OnBadImage
+from omnilab_recordings.images.circle import inscribed
+from omnilab_recordings.optics import most_alike
+from omnilab_recordings.panoramas import Panorama
 from omnilab_recordings.poses.filename_poses import PRESETS
 
 FLOW_SHAPE = (64, 512)  # of the panoramas in which drifts are measured
@@ -31,13 +36,22 @@ def check(argv: Sequence[str]) -> int:
     """Look at a folder of images and say what a study would meet: sizes, circle, horizon, exposure, poses, handedness."""
     options = _parser().parse_args(argv)
     output = _output(options.output, Path(options.folder))
+    with _findings_only():
+        return _check(options, output)
+
+
+def _check(options: argparse.Namespace, output: Path) -> int:
     sensor, problem = _with_poses(_sensor(options))
     sensor, circle = _with_circle(sensor)
-    files = dataset_check.check_files(sensor.root, sensor.recording.images, sensor.optics.camera)
+    sensor, layout = as_panorama(sensor)
+    if layout is not None:
+        circle = layout
+    files = dataset_check.check_files(sensor)
     found, moving = _moves(sensor)
     horizon, level = _horizon(sensor, moving)
     findings = [
         *dataset_check.of_files(files, len(sensor.recording.images)),
+        *of_reading(sensor, files),
         circle,
         horizon,
         *dataset_check.of_exposure(files),
@@ -51,6 +65,17 @@ def check(argv: Sequence[str]) -> int:
     return 0
 
 
+@contextmanager
+def _findings_only() -> Iterator[None]:
+    """What a run would log as warnings is among the findings."""
+    log = logging.getLogger("omnilab")
+    log.disabled = True
+    try:
+        yield
+    finally:
+        log.disabled = False
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser("omnilab check", description=check.__doc__)
     add = parser.add_argument
@@ -58,6 +83,13 @@ def _parser() -> argparse.ArgumentParser:
     add("-o", "--output", type=Path, default=Path("check.png"), metavar="FILE", help="the picture (%(default)s)")
     add("--circle", type=float, nargs="+", metavar="PX", help="centre u and v, radius, and inner radius if need be")
     add("--sky-inside", action="store_true", help="the sky is at the centre")
+    add(
+        "--panorama",
+        choices=[kind.value for kind in Panorama],
+        help="the images are panoramas, their middle is the front",
+    )
+    add("--bits", type=int, help="of images of 16 bits a sample: those that are used, such as 12")
+    add("--ignore-exif-orientation", action="store_true", help="take pixels as stored, whatever EXIF tags say")
     add("--names", help=f"poses by file names: {', '.join(PRESETS)}, or a regular expression with named groups")
     add("--spacing", type=float, metavar="M", help="with --names: metres between columns and rows")
     add("--columns", type=int, metavar="N", help="with --names that only count: images in a row")
@@ -84,7 +116,8 @@ def _sensor(options: argparse.Namespace) -> Folder:
     return Folder(
         options.folder, pattern=options.pattern, names=options.names, spacing_m=options.spacing, columns=options.columns,
         height_step_m=options.height_step, camera=options.camera, looks=options.looks, entry=options.entry, distortion=options.distortion, circle_px=options.circle, sky_inside=options.sky_inside,
-        on_bad_image=OnBadImage.skip, **settings,
+        panorama=Panorama(options.panorama) if options.panorama else None, bits=options.bits,
+        exif_orientation=not options.ignore_exif_orientation, on_bad_image=OnBadImage.skip, **settings,
     )  # fmt: skip
 
 
@@ -103,15 +136,15 @@ def _with_poses(sensor: Folder) -> tuple[Folder, Finding | None]:
 
 def _with_circle(sensor: Folder) -> tuple[Folder, Finding]:
     """The sensor, with the circle inscribed in the frame if none can be found, and the finding about it."""
-    sample = most_common_size(sensor.sample())
+    sample = most_alike(sensor.sample)
     try:
         return sensor, dataset_check.of_circle(sensor, sensor.optics.camera, sample)
     except DataError as error:
-        height, width = sample[0].shape
-        if sensor.camera_file.read(sensor.root, (width, height)) is not None:
+        if sensor.camera_file.read(sensor.root, sample[0].shape[::-1]) is not None:
             raise
-        inscribed = [(width - 1) / 2, (height - 1) / 2, min(width, height) / 2]
-        return replace(sensor, circle_px=inscribed), Finding("circle", "look", f"{error}; shown is the inscribed one")
+        ring = inscribed(sample[0].shape)
+        shown = replace(sensor, circle_px=[ring.cx, ring.cy, ring.radius])
+        return shown, Finding("circle", "look", f"{error}; shown is the inscribed one")
 
 
 def _moves(sensor: Folder) -> tuple[Handedness, Horizon | None]:
@@ -134,10 +167,18 @@ def _horizon(sensor: Folder, moving: Horizon | None) -> tuple[Finding, float | N
     if isinstance(camera, RayCamera):
         return dataset_check.of_calibrated_horizon(camera)
     assert isinstance(camera, ImageCircle)
+    if sensor.circle_is_doubtful:
+        return Finding("horizon", "?", "cannot tell, as the circle is not known"), None
     if moving is not None:
         return dataset_check.of_moving_horizon(camera, moving), moving.level
-    panoramas = panorama(np.stack(most_common_size(sensor.sample())), camera, FLOW_SHAPE)
+    panoramas = np.concatenate([panorama(frames.images, camera, FLOW_SHAPE) for frames in sensor.frames(_some(sensor))])
     return dataset_check.of_bright_side(camera, panoramas), None
+
+
+def _some(sensor: Folder) -> Plan:
+    """Some images from all over the recording."""
+    plan = sensor.plan(RecordedPoses())
+    return plan.at(np.unique(np.linspace(0, len(plan) - 1, SAMPLE).astype(int)))
 
 
 def _print(findings: Sequence[Finding], title: str) -> None:

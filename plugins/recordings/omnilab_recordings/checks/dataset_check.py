@@ -5,24 +5,24 @@ from __future__ import annotations
 import hashlib
 import itertools
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
-from omnilab.api import Bytes, Camera
+from omnilab.api import Bools, Bytes, Camera
 from omnilab.cameras import ImageCircle, RayCamera
 from omnilab.errors import DataError
 from omnilab_recordings.checks.handedness import Handedness, Horizon
 from omnilab_recordings.folder import Folder
-from omnilab_recordings.images.circle import find_circle
-from omnilab_recordings.images.decoding import decode
+from omnilab_recordings.images.decoding import DecodedImage, Decoder, reduce_by, reduction
 from omnilab_recordings.images.files import read_bytes
+from omnilab_recordings.optics import circle_of
 from omnilab_recordings.poses.positions import Positions
 from omnilab_recordings.recording import Recording
+from omnilab_recordings.remarks import of_file
 
 MOST = 2000  # images that are read; of more, as many from all over the recording
 MOST_CELLS = 10**6  # of a grid, to look for holes in
@@ -49,32 +49,38 @@ class CheckedFile:
     error: str = ""
     size: tuple[int, int] = (0, 0)  # width, height
     digest: str = ""  # of the pixels
+    deep: bool = False  # more than 8 bits a sample
+    remarks: Mapping[str, str] = field(default_factory=dict)  # by topic
     mean: float | None = None  # grey level where the picture shows the world; None: it has another size
     blown: float = 0.0  # share of that which is at BLOWN or above
 
 
-def check_files(folder: Path, names: Sequence[str], camera: Camera) -> list[CheckedFile]:
+def check_files(sensor: Folder) -> list[CheckedFile]:
     """Read images of a folder, at most MOST of them."""
+    names, camera = sensor.recording.images, sensor.optics.camera
     chosen = np.unique(np.linspace(0, len(names) - 1, min(len(names), MOST)).astype(int))
-    v, u = np.indices((camera.height, camera.width))
+    factor = reduction((camera.height, camera.width))
+    v, u = np.indices((camera.height // factor, camera.width // factor)) * factor + (factor - 1) / 2
     ring = camera.circle
     distance = np.hypot(u - ring.cx, v - ring.cy)
     shown = (distance <= ring.radius) & (distance >= ring.inner) if ring.radius else np.ones(v.shape, bool)
     with ThreadPoolExecutor(2) as pool:
-        return list(pool.map(partial(_checked, folder, shown), [names[at] for at in chosen]))
+        return list(pool.map(partial(_checked, sensor, shown, factor), [names[at] for at in chosen]))
 
 
-def _checked(folder: Path, shown: Bytes, name: str) -> CheckedFile:
+def _checked(sensor: Folder, shown: Bools, factor: int, name: str) -> CheckedFile:
+    decoder = Decoder(exif_orientation=sensor.exif_orientation, bits=sensor.bits)
     try:
-        pixels = decode(read_bytes(folder, name), name)
+        image = decoder.decode(read_bytes(sensor.root, name), name)
     except DataError as error:
         return CheckedFile(name, str(error))
-    size = (pixels.shape[1], pixels.shape[0])
-    digest = hashlib.sha256(repr(size).encode() + pixels.tobytes()).hexdigest()
-    if pixels.shape != shown.shape:
-        return CheckedFile(name, "", size, digest)
-    world = pixels[shown]
-    return CheckedFile(name, "", size, digest, float(world.mean()), float((world >= BLOWN).mean()))
+    size = (image.shape[1], image.shape[0])
+    digest = hashlib.sha256(repr(size).encode() + image.pixels.tobytes()).hexdigest()
+    about = of_file(image, sensor.exif_orientation)
+    if size != (sensor.optics.camera.width, sensor.optics.camera.height):
+        return CheckedFile(name, "", size, digest, image.deep, about)
+    world = reduce_by(image.pixels, factor)[shown]
+    return CheckedFile(name, "", size, digest, image.deep, about, float(world.mean()), float((world >= BLOWN).mean()))
 
 
 # ------------------------------------------------------------------------------------------------------------- files
@@ -123,7 +129,7 @@ def first(texts: Sequence[str]) -> str:
 
 
 # ------------------------------------------------------------------------------------------------------------- optics
-def of_circle(sensor: Folder, camera: Camera, sample: Sequence[Bytes]) -> Finding:
+def of_circle(sensor: Folder, camera: Camera, sample: Sequence[DecodedImage]) -> Finding:
     """The ring that shows the world, and how sure that is."""
     ring = camera.circle
     where = f"centre ({ring.cx:.1f}, {ring.cy:.1f}), radius {ring.radius:.1f}" + (
@@ -135,17 +141,17 @@ def of_circle(sensor: Folder, camera: Camera, sample: Sequence[Bytes]) -> Findin
         )
     if sensor.circle_px is not None:
         return Finding("circle", "ok", f"{where}, as given")
-    if ring.radius == min(camera.width, camera.height) / 2:
+    if sensor.guessed_circle:
         return Finding(
             "circle", "?", f"no dark surround to find it by; {where}, inscribed in the frame, is a guess: give --circle"
         )
     return _sure(where, sample)
 
 
-def _sure(where: str, sample: Sequence[Bytes]) -> Finding:
+def _sure(where: str, sample: Sequence[DecodedImage]) -> Finding:
     """Whether the circle is found again in halves of the sample."""
     try:
-        one, other = (find_circle(np.stack(half)) for half in (sample[::2], sample[1::2] or sample))
+        one, other = (circle_of(None, half) for half in (sample[::2], sample[1::2] or sample))
     except DataError:
         return Finding("circle", "look", f"{where}, but not found in half of the sample: check it in the picture")
     apart = max(abs(one.cx - other.cx), abs(one.cy - other.cy), abs(one.radius - other.radius))

@@ -12,6 +12,7 @@ from omnilab.geometry import heading_of
 from omnilab.image import panorama
 from omnilab_recordings.checks.handedness import Handedness
 from omnilab_recordings.folder import Folder
+from omnilab_recordings.images.decoding import reduce_by, reduction
 
 THUMBNAILS = 8
 PANORAMA = (160, 960)  # rows, columns
@@ -40,24 +41,32 @@ def write_report_picture(file: Path, sensor: Folder, level: float | None, found:
     _draw_panorama(figure.add_subplot(below[0, :]), panorama(images[middle][None], camera, PANORAMA)[0], level, front)
     for i, (image, name) in enumerate(zip(images, names, strict=True)):
         axes = figure.add_subplot(below[1, i])
-        axes.imshow(image, cmap="gray", vmin=0, vmax=255)
+        _show(axes, image)
         axes.set_title(Path(name).name[-22:], fontsize=7)
         axes.axis("off")
     figure.savefig(file, dpi=110)
 
 
-def _samples(sensor: Folder) -> tuple[Bytes, list[str], Camera]:
+def _samples(sensor: Folder) -> tuple[list[Bytes], list[str], Camera]:
     """Some pictures from all over the recording."""
     plan = sensor.plan(RecordedPoses())
     chosen = plan.at(np.unique(np.linspace(0, len(plan) - 1, THUMBNAILS).astype(int)))
-    (frames,) = sensor.frames(chosen)
-    return frames.images, [chosen.keys[i] for i in frames.plan_index], frames.camera
+    batches = list(sensor.frames(chosen))
+    names = [chosen.keys[i] for frames in batches for i in frames.plan_index]
+    return [image for frames in batches for image in frames.images], names, batches[0].camera
+
+
+def _show(axes: Any, image: Bytes) -> None:
+    """An image, a large one reduced, in its own pixels' coordinates."""
+    height, width = image.shape
+    shown = reduce_by(image, reduction(image.shape))
+    axes.imshow(shown, cmap="gray", vmin=0, vmax=255, extent=(-0.5, width - 0.5, height - 0.5, -0.5))
 
 
 def _draw_sample(axes: Any, image: Bytes, name: str, camera: Camera, level: float | None, front: float | None) -> None:
     from matplotlib.patches import Circle as Ring
 
-    axes.imshow(image, cmap="gray", vmin=0, vmax=255)
+    _show(axes, image)
     ring = camera.circle
     for radius, label in ((ring.radius, "circle"), (ring.inner, None)) if ring.radius else ():
         axes.add_patch(Ring((ring.cx, ring.cy), radius, fill=False, color=RING, linewidth=1.5, label=label))

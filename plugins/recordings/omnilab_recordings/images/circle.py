@@ -29,7 +29,7 @@ def find_circle(images: Bytes) -> Circle:
     height, width = brightest.shape
     surround, bright = _corner_level(brightest), float(np.percentile(brightest, 99))
     if surround >= DARK * bright:
-        return Circle((width - 1) / 2, (height - 1) / 2, min(width, height) / 2)
+        return inscribed((height, width))
     lit = brightest > surround + LIT * (bright - surround)
     hull = _hull(lit)
     cx, cy, radius = _fit_robust(_off_frame(hull, lit.shape))
@@ -38,6 +38,12 @@ def find_circle(images: Bytes) -> Circle:
     if _overlap(hull, distance <= radius) < FILLED:
         raise _no_circle()
     return Circle(cx, cy, radius, _dark_radius(lit, distance))
+
+
+def inscribed(shape: tuple[int, ...]) -> Circle:
+    """The circle inscribed in a frame (H, W)."""
+    height, width = shape
+    return Circle((width - 1) / 2, (height - 1) / 2, min(width, height) / 2)
 
 
 def _corner_level(image: Bytes) -> float:
