@@ -74,6 +74,28 @@ def test_a_world_file_of_meshes_alone_is_summarised(check, write):
     assert "no room and no area" not in out
 
 
+def test_a_mesh_of_many_objects_is_read_and_described_once(check, write, monkeypatch):
+    from omnilab_mirror.scene.meshes import mesh_file
+
+    write(shelf() + "l 1 2\n", "shelf.obj")
+    entries = "".join(f"  - {{kind: mesh, file: shelf.obj, at: [{i}, 0]}}\n" for i in range(5))
+    code, out = check(write("map_m: [6, 6]\nobjects:\n" + entries))
+    assert code == 0
+    assert out.count("shelf.obj: 12 triangles") == 1
+    assert out.count("points or lines were left out") == 1
+    monkeypatch.setattr(mesh_file, "MAX_TRIANGLES", 40)
+    code, out = check(write("map_m: [6, 6]\nobjects:\n" + entries))
+    assert code == 2
+    assert "object 4 is one mesh too many: 48 triangles are in the world, 40 may be" in out
+
+
+def test_what_is_no_file_is_named(tmp_path):
+    os.mkfifo(tmp_path / "pipe.yaml")
+    for name in ("pipe.yaml", ""):
+        with pytest.raises(ConfigError, match=r"is a folder, a pipe or a device; give the path"):
+            load_world(str(tmp_path / name))
+
+
 def test_a_mesh_without_a_level_floor_says_so(check, write):
     code, out = check(write("v 0 0 0\nv 4 0 0\nv 0 4 3\nf 1 2 3\n", "roof.obj"))
     assert code == 0
@@ -144,7 +166,7 @@ def test_a_world_on_its_side_is_asked_about_and_the_advice_works(check, write, c
     file = write(room(up="y"), "room.obj")
     with caplog.at_level("WARNING", logger="omnilab"):
         load_world(file)
-    assert "seems to lie on its side" in caplog.text  # in a run's log, too
+    assert "may lie on its side" in caplog.text  # in a run's log, too
     out = check(file)[1]
     up = re.search(r"set sensor\.up=(\w)", out)[1]
     out = check(file, "--up", up)[1]

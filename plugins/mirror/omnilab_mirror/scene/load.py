@@ -89,6 +89,8 @@ def file_of(world: str) -> Path:
     """The file of a world; ConfigError if there is none."""
     file = shipped().get(world, Path(world))
     if not file.is_file():
+        if "\0" not in world and file.exists():
+            raise ConfigError(f"world={world!r} is a folder, a pipe or a device; give the path of a YAML or mesh file")
         raise ConfigError(
             f"world={world!r} cannot be read (there is no such file); give the path of a YAML or mesh file or a name: {suggestion(world, shipped())}"
         )
@@ -159,8 +161,8 @@ def _build(file: Path, data: bytes, variant: str | None, problems: list[DataErro
         {name: found for name, found in routes.items() if found},
         tuple(s.named("variants")),
         [mesh.triangles for mesh in model.meshes],
-        [mesh.content for mesh in model.meshes],
-        [note for mesh in model.meshes for note in mesh.notes],
+        list(dict.fromkeys(mesh.content for mesh in model.meshes)),
+        list(dict.fromkeys(note for mesh in model.meshes for note in mesh.notes)),
         stamps_of(named) | {path: stamp for mesh in model.meshes for path, stamp in mesh.sources.items()},
     )
 

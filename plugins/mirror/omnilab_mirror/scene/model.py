@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import combinations
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,6 +28,7 @@ class Model:
     areas: list[Area] = field(default_factory=list)
     room: Floats | None = None  # (2, 3): lowest and highest corner of the one that panels hang in
     meshes: list[MeshFile] = field(default_factory=list)  # where they stand
+    files: dict[tuple[Path, str | None], MeshFile] = field(default_factory=dict)  # as they are, by their up axis, too
 
     def box(
         self, place: Place, low: Any, high: Any, paint: Paint, front: Paint | None = None, top: Paint | None = None

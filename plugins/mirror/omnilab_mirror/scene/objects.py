@@ -125,7 +125,7 @@ def quad(s: Section, model: Model) -> None:
 
 def mesh(s: Section, model: Model) -> None:
     """A mesh file (.obj, .glb, .ply) beside or below the world file: `at` (x, y) of its origin, `scale` to metres, `up`."""
-    from omnilab_mirror.scene.meshes.mesh_file import read_mesh
+    from omnilab_mirror.scene.meshes.mesh_file import MAX_TRIANGLES, read_mesh
 
     name, place, scale = s.word("file"), place_of(s), s.number("scale", 1.0, 1e-6, 1e6)
     try:
@@ -133,13 +133,19 @@ def mesh(s: Section, model: Model) -> None:
     except ValueError as error:
         expected = f"a file in the folder of the world file, or below it ({error}); move the mesh there"
         raise s.invalid("file", name, expected) from None
+    up = s.choice("up", ("y", "z")) if "up" in s else None
     try:
-        found = read_mesh(file, s.choice("up", ("y", "z")) if "up" in s else None)
+        found = model.files[file, up] if (file, up) in model.files else read_mesh(file, up)
     except DataError as error:
         raise s.wrong(f"has a mesh that cannot be used: {error}") from None
+    model.files[file, up] = found
+    total = len(found.triangles) + sum(len(mesh.triangles) for mesh in model.meshes)
+    if total > MAX_TRIANGLES:
+        raise s.wrong(f"is one mesh too many: {total} triangles are in the world, {MAX_TRIANGLES} may be; remove some")
     in_metres = found.triangles if scale == 1 else found.triangles.moved(scale * np.eye(3), np.zeros(3))
     questions = list(hints(in_metres, found.up, scale, ENTRY))
-    triangles = found.triangles.moved(scale * place.rotation, place.at)
+    turned = scale * place.rotation
+    triangles = found.triangles.moved(turned, turned @ found.origin + place.at)
     if "name" in s:
         triangles = replace(triangles, names=[s.word("name")] * len(triangles.names))
     notes = found.notes + [f"'{name}': {question}" for question in questions]

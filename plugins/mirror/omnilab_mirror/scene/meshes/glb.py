@@ -35,8 +35,13 @@ def read_glb(data: bytes, materials: MeshMaterials, limit: int) -> Iterator[Tria
                         f"{materials.file} has {total} triangles or more, {limit} may be read; decimate the mesh"
                     )
                 if len(faces):
-                    title = gltf.item("meshes", mesh).get("name") or materials.file.name
-                    yield _part(gltf, primitive, faces, np.array(transforms), str(title), made)
+                    title = str(gltf.item("meshes", mesh).get("name") or materials.file.name)
+                    T = np.array(transforms)
+                    mirrored = np.linalg.det(T[:, :3, :3]) < 0  # then the other side is the front (glTF 2.0, 3.7.4)
+                    if not mirrored.all():
+                        yield _part(gltf, primitive, faces, T[~mirrored], title, made)
+                    if mirrored.any():
+                        yield _part(gltf, primitive, faces[:, ::-1], T[mirrored], title, made)
     except GltfError as error:
         raise DataError(f"{materials.file} is no whole GLB file ({error}); save it again") from None
     except (TypeError, AttributeError, KeyError, ValueError, OverflowError):  # JSON of another shape
@@ -141,9 +146,8 @@ def _part(
     points = gltf.accessor(attributes["POSITION"]).astype(float)
     if points.shape[1] != 3:
         raise GltfError("its positions are not of three numbers")
-    with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is reported
-        moved = np.einsum("nij,vj->nvi", transforms[:, :3, :3], points) + transforms[:, None, :3, 3]
-        corners = moved.astype(np.float32)[:, faces].reshape(-1, 3, 3)
+    moved = np.einsum("nij,vj->nvi", transforms[:, :3, :3], points) + transforms[:, None, :3, 3]
+    corners = gltf.materials.placed(moved[:, faces].reshape(-1, 3, 3))
     tint = _tint(gltf, attributes, len(points))
     uv = np.zeros((len(points), 2), np.float32)
     if "material" not in primitive:
@@ -161,8 +165,7 @@ def _part(
             places = gltf.accessor(attributes[material.places]).astype(float)
             if places.shape != uv.shape:
                 raise GltfError("it has other texture coordinates than positions")
-            with np.errstate(invalid="ignore", over="ignore"):
-                uv = (places @ material.transform[:, :2].T + material.transform[:, 2]).astype(np.float32)
+            uv = (places @ material.transform[:, :2].T + material.transform[:, 2]).astype(np.float32)
             beyond = ((uv < 0) | (uv > 1))[faces].any(axis=(1, 2))
             text = "triangles go beyond the edge of a picture that ends or is mirrored there, and are shown with it repeated"
             gltf.materials.notes[text] += int(beyond.sum()) if material.clamped else 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import binascii
 import json
 import struct
 from typing import Any
@@ -25,6 +24,7 @@ COMPRESSIONS = {  # in which triangles or textures are hidden from whoever does 
     "KHR_texture_basisu": "Basis Universal textures",
     "EXT_mesh_gpu_instancing": "instances of a mesh",
 }
+MAX_JSON = 64_000_000  # bytes
 READ = {"KHR_texture_transform", "KHR_mesh_quantization", "EXT_texture_webp"}
 LOOKS = ("KHR_materials_", "KHR_lights_", "KHR_xmp", "KHR_animation_", "EXT_lights_", "ADOBE_materials_")  # no shapes
 
@@ -94,7 +94,7 @@ class Gltf:
             if uri.startswith("data:"):
                 return base64.b64decode(uri.partition(",")[2], validate=True)
             return self.materials.beside(unquote(uri))
-        except (*BROKEN, binascii.Error) as error:
+        except BROKEN as error:  # that of base64 is a ValueError
             cause = str(getattr(error, "strerror", None) or error)
             raise GltfError(f"its file '{uri[:60]}' cannot be had: {cause}") from None
 
@@ -188,6 +188,8 @@ def _chunks(data: bytes) -> tuple[dict[str, Any], bytes | None]:
     size, kind = struct.unpack_from("<I4s", data, 12)
     if kind != b"JSON" or 20 + size > length:
         raise GltfError("it does not begin with JSON")
+    if size > MAX_JSON:
+        raise GltfError(f"its JSON has {size} bytes, up to {MAX_JSON} are read")
     try:
         text = json.loads(data[20 : 20 + size])
     except (ValueError, RecursionError):

@@ -41,8 +41,8 @@ def hints(triangles: Triangles, up: str, scale: float, written: str = SETTING) -
     if lies_on_its_side(triangles):
         other_up = "z" if up == "y" else "y"
         yield (
-            f"it seems to lie on its side: with up={up} it is {size_of(extent)}, and floors and ceilings stand upright; if"
-            f" it should be {size_of(extent[[0, 2, 1]])}, set {written.format('up', other_up)}"
+            f"it may lie on its side: with up={up} it is {size_of(extent)}, and has more area across y than level; if it"
+            f" should be {size_of(extent[[0, 2, 1]])}, set {written.format('up', other_up)}"
         )
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from omnilab.api import Floats
 from omnilab.errors import DataError
 from omnilab_mirror.scene.file_stamps import Stamp, stamp_of
 from omnilab_mirror.scene.meshes.glb import read_glb
@@ -25,11 +26,19 @@ READERS: dict[str, Callable[[bytes, MeshMaterials, int], Iterable[Triangles]]] =
     ".glb": read_glb,
     ".ply": read_ply,
 }
+STARTS = {  # of files that have another ending than they should
+    b"ply\n": ("a PLY file", ".ply"),
+    b"ply\r": ("a PLY file", ".ply"),
+    b"glTF": ("a GLB file", ".glb"),
+    b"solid ": ("an STL file", "convert it to .obj, .glb or .ply"),
+    b"version https://git-lfs": ("a pointer of Git LFS", "fetch the file itself with 'git lfs pull'"),
+    b"\x1f\x8b": ("compressed by gzip", "unpack it"),
+    b"PK\x03\x04": ("a ZIP archive", "unpack it"),
+}
 READERS_VERSION = 2  # part of the digest: raise it when the same files give other triangles
 MAX_BYTES = {".obj": 500_000_000, ".glb": 1_500_000_000, ".ply": 1_500_000_000}
 MAX_TRIANGLES = 12_000_000
 FARTHEST = 1e12  # from 0: products of such coordinates are still numbers
-COARSEST = 1e-4  # of the mesh's size, to which coordinates far from 0 may be rounded
 MAX_UV = 1e6  # what is farther from the picture has no digits left to place it
 Z_UP = {"z": np.eye(3), "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])}
 
@@ -38,7 +47,8 @@ Z_UP = {"z": np.eye(3), "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])}
 class MeshFile:
     """What a mesh file holds."""
 
-    triangles: Triangles  # z up, in metres as the file has them
+    triangles: Triangles  # z up, in the file's unit
+    origin: Floats  # (3,) of the triangles in the file, z up: not 0 where it has them far from 0
     digest: str  # of the file, its materials and its textures
     up: str  # its axis that points up, "y" or "z"
     content: str  # how many triangles, materials and textures
@@ -55,10 +65,15 @@ def read_mesh(file: Path, up: str | None = None) -> MeshFile:
     if suffix not in READERS:
         raise DataError(f"{file} has the ending '{file.suffix}'; meshes are read from .obj, .glb and .ply: convert it")
     stamp, data, materials = stamp_of(file), _bytes(file), MeshMaterials(file)
-    parts = [part for part in READERS[suffix](data, materials, MAX_TRIANGLES) if len(part)]
-    if not parts:
-        raise DataError(f"{file} holds no triangles; export the mesh with its faces")
-    triangles = _sound(materials, joined(parts))
+    for start, (kind, advice) in STARTS.items():
+        if data.startswith(start) and advice != suffix:
+            done = f"give it the ending {advice}" if advice in READERS else advice
+            raise DataError(f"{file} is {kind}, by its first bytes; {done}")
+    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is reported
+        parts = [part for part in READERS[suffix](data, materials, MAX_TRIANGLES) if len(part)]
+        if not parts:
+            raise DataError(f"{file} holds no triangles; export the mesh with its faces")
+        triangles = _sound(materials, joined(parts))
     notes = [f"{count} {text}" for text, count in materials.notes.items() if count]
     if materials.missing:
         named = ", ".join(f"'{name}' ({why})" for name, why in sorted(materials.missing.items())[:5])
@@ -74,7 +89,8 @@ def read_mesh(file: Path, up: str | None = None) -> MeshFile:
     )
     up = up or ("y" if suffix == ".glb" else "z")
     turned = triangles.moved(Z_UP[up], np.zeros(3))
-    return MeshFile(turned, digest.hexdigest(), up, content, notes, materials.stamps | {file: stamp})
+    origin = Z_UP[up] @ (np.zeros(3) if materials.origin is None else materials.origin)
+    return MeshFile(turned, origin, digest.hexdigest(), up, content, notes, materials.stamps | {file: stamp})
 
 
 def _bytes(file: Path) -> bytes:
@@ -103,10 +119,6 @@ def _sound(materials: MeshMaterials, triangles: Triangles) -> Triangles:
     farthest = max(np.abs(low).max(), np.abs(high).max())
     if farthest > FARTHEST:
         raise DataError(f"{materials.file} has a corner at {farthest:.3g}, up to {FARTHEST:g} is read; clean the mesh")
-    step = float(np.spacing(np.float32(farthest)))
-    if step > COARSEST * (high - low).max():
-        text = f"coordinates of {farthest:.3g} are so far from 0 that they are rounded to {step:g}; subtract an offset from all"
-        materials.notes[text] += 1
     flat = np.linalg.norm(triangles.normals, axis=1) < 1e-12
     if flat.all():
         raise DataError(f"{materials.file}: none of its {len(flat)} triangles has an area; is it scaled to metres?")

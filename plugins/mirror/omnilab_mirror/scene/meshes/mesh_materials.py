@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import struct
 import warnings
+import zlib
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,11 +23,24 @@ from omnilab_mirror.scene.nearby_files import bytes_of, file_below
 Array = npt.NDArray[Any]
 GREY = (160, 160, 160)  # of what has no colour
 MAX_BYTES = 64_000_000  # of a file beside the mesh
+MAX_FOLDERS = 20  # in which a missing file is looked for
 MAX_PIXELS = 64_000_000  # of one texture
 MAX_TEXELS = 200_000_000  # of all of them
 HIGHEST_SHARE = 2.0  # of colours that are fractions, a few of which may be more than 1
 WHITE = np.full((1, 1, 3), 255, np.uint8)
-BROKEN = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)  # what Pillow raises
+FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "WEBP", "GIF", "PPM", "DDS")  # no other, as EPS would run a program
+BROKEN: tuple[type[Exception], ...] = (
+    OSError,
+    EOFError,
+    SyntaxError,
+    ValueError,
+    LookupError,
+    TypeError,
+    OverflowError,
+)
+BROKEN += (NotImplementedError, struct.error, zlib.error, Image.DecompressionBombError)  # what Pillow raises
+FAR = 1e5  # from 0
+OPAQUE = 250  # of 255
 ORIENTATION = 0x0112  # of EXIF
 
 
@@ -40,6 +55,8 @@ class MeshMaterials:
     missing: dict[str, str] = field(default_factory=dict)  # textures and materials that cannot be had, with the reason
     pictures: dict[Any, Bytes] = field(default_factory=dict)
     found: set[str] = field(default_factory=set)  # names of the textures that could be had
+    origin: Floats | None = None  # (3,) of the triangles in the file: not 0 where they are far from it
+    texels: int = 0  # of all pictures
     count: int = 0  # of materials
 
     def beside(self, name: str) -> bytes:
@@ -47,8 +64,18 @@ class MeshMaterials:
         path = file_below(self.file.parent, name.strip().strip('"').replace("\\", "/"))
         if path not in self.files:
             self.stamps[path] = stamp_of(path)
-            self.files[path] = bytes_of(path, MAX_BYTES)
+            try:
+                self.files[path] = bytes_of(path, MAX_BYTES)
+            except FileNotFoundError as error:
+                raise ValueError(f"{error.strerror}{_there_is(self.file.parent, path.name)}") from None
         return self.files[path]
+
+    def placed(self, corners: Floats) -> Floats:
+        """Corners (T, 3, 3) less `origin`, in 32 bits, which have seven digits: too few for maps in metres."""
+        if self.origin is None and len(corners):
+            first = corners[0, 0]
+            self.origin = np.where(np.isfinite(first) & (np.abs(first) > FAR), np.floor(first), 0.0)
+        return np.asarray((corners - (0 if self.origin is None else self.origin)).astype(np.float32))
 
     def lacks(self, name: str, error: Exception) -> None:
         """Note that a texture or a file of materials cannot be had."""
@@ -61,7 +88,8 @@ class MeshMaterials:
         if key not in self.pictures:
             pixels = self._pixels(name, data)
             self.pictures[key] = pixels if factor is None else np.rint(pixels * np.asarray(factor)).astype(np.uint8)
-            if sum(picture.size // 3 for picture in self.pictures.values()) > MAX_TEXELS:
+            self.texels += pixels.size // 3
+            if self.texels > MAX_TEXELS:
                 raise DataError(f"{self.file} has textures of more than {MAX_TEXELS} pixels; make them smaller")
         return self.pictures[key]
 
@@ -97,7 +125,7 @@ class MeshMaterials:
     def _decoded(self, name: str, data: bytes) -> Bytes:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # about the size, which is judged here
-            image = Image.open(io.BytesIO(data))
+            image = Image.open(io.BytesIO(data), formats=FORMATS)
         if image.width * image.height > MAX_PIXELS:
             raise DataError(f"{self.file}: '{name}' has {image.width} x {image.height} pixels, {MAX_PIXELS} may be read;"
                             " make it smaller")  # fmt: skip
@@ -105,12 +133,22 @@ class MeshMaterials:
             self.notes[
                 "textures have an EXIF orientation, which was not applied: texture coordinates are of the pixels"
             ] += 1
+        if image.has_transparency_data and self.file.suffix.lower() != ".glb":  # whose materials say whether it counts
+            alpha = np.asarray(image.convert("RGBA"))[..., 3]
+            self.notes["textures are transparent in parts and are shown opaque"] += bool(alpha.min() < OPAQUE)
         if image.mode == "F":
             raise ValueError("its pixels are fractions; save it with 8 or 16 bits")
         if image.mode.startswith("I"):  # 16 bits, which Pillow would cut off at 255
             grey = np.clip(np.rint(np.asarray(image) / 257), 0, 255).astype(np.uint8)
             return np.repeat(grey[..., None], 3, axis=2)
         return np.asarray(image.convert("RGB"))
+
+
+def _there_is(folder: Path, name: str) -> str:
+    """The files of a folder, and of folders in it, that are called so but for upper and lower case."""
+    inside = [folder, *sorted(path for path in folder.iterdir() if path.is_dir())[:MAX_FOLDERS]]
+    alike = [path for place in inside for path in place.iterdir() if path.name.lower() == name.lower()]
+    return f"; there is '{alike[0].relative_to(folder)}'" if alike else ""
 
 
 def linear_to_srgb(linear: Floats) -> Floats:

@@ -56,7 +56,7 @@ def world_of_mesh(file: Path, up: str | None = None, scale: float = 1.0) -> Worl
         contents=[
             found.content,
             f"extent: {size_of(high - low)}, read with up={found.up} and scale={scale:g}",
-            f"floor: at height {floor_m:.3g} m of the file"
+            f"floor: at height {floor_m + scale * found.origin[2]:.4g} m of the file"
             + (", its lowest point: nothing is level in its lower half" if level is None else ""),
         ],
         notes=found.notes + questions,

@@ -244,25 +244,27 @@ def _part(
     white = np.full((len(corners), 3, 3), 255, np.uint8)
     nowhere = np.zeros((len(corners), 3, 2), np.float32)
     if material is None:
-        yield _triangles(corners, nowhere, colors, WHITE, title)
+        yield _triangles(corners, nowhere, colors, WHITE, title, materials)
         return
     placed = (place > 0).all(axis=(1,)) if material.texture else np.zeros(len(corners), bool)
     if placed.any():
         uv = places[place[placed] - 1] * material.uv_scale + material.uv_offset
         down = uv.astype(np.float32) * np.array([1, -1], np.float32) + np.array([0, 1], np.float32)
-        yield _triangles(corners[placed], down, white[placed], materials.texture(material.texture), title)
+        yield _triangles(corners[placed], down, white[placed], materials.texture(material.texture), title, materials)
     if not placed.all():
         if material.texture:
             text = "triangles have a texture but no texture coordinates, and take their material's colour"
             materials.notes[text] += int(np.sum(~placed))
-        yield _triangles(corners[~placed], nowhere[~placed], white[~placed], materials.plain(material.color), title)
+        yield _triangles(
+            corners[~placed], nowhere[~placed], white[~placed], materials.plain(material.color), title, materials
+        )
 
 
-def _triangles(corners: Floats, uv: Floats, colors: Bytes, picture: Bytes, title: str) -> Triangles:
+def _triangles(
+    corners: Floats, uv: Floats, colors: Bytes, picture: Bytes, title: str, materials: MeshMaterials
+) -> Triangles:
     none = np.zeros(len(corners), np.int32)
-    with np.errstate(over="ignore"):  # what becomes infinite is reported
-        places = corners.astype(np.float32)
-    return Triangles(places, uv, none, colors, none, none.astype(bool), [picture], [title])
+    return Triangles(materials.placed(corners), uv, none, colors, none, none.astype(bool), [picture], [title])
 
 
 def _stacked(parts: list[Floats], materials: MeshMaterials) -> tuple[Floats, Bytes]:

@@ -44,9 +44,9 @@ def read_ply(data: bytes, materials: MeshMaterials, limit: int) -> Iterator[Tria
     chosen = vertex[triangles.corners]
     colors = _colors(vertices, faces, chosen, triangles.polygon, materials)
     uv = _places(vertices, faces, counts, triangles.corners, chosen)
-    with np.errstate(over="ignore"):  # what becomes infinite is reported
-        corners = points[chosen].astype(np.float32)
-    yield from _textured(corners, uv, colors, _pictures(comments, faces, triangles.polygon), materials)
+    yield from _textured(
+        materials.placed(points[chosen]), uv, colors, _pictures(comments, faces, triangles.polygon), materials
+    )
 
 
 def _points(vertices: Element) -> Floats:
