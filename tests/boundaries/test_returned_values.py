@@ -141,6 +141,8 @@ def test_what_was_trained_is_checked_too():
     wrong(lambda: trainable.restore({}).describe(IMAGES), "describe returns None")
     wrong(lambda: says("descriptor", 5).fit(IMAGES), "fit returns int, which has no describe and no state")
     wrong(says("descriptor", lambda: {"a": np.array([np.nan])}).state, "state returns NaN or infinity in `a`")
+    wrong(says("descriptor", lambda: {"a": np.array([np.nan * 1j])}).state, "state returns NaN or infinity in `a`")
+    assert "a" in says("descriptor", lambda: {"a": np.array([1j], np.complex64)}).state()  # of spectra
 
 
 @pytest.mark.parametrize(

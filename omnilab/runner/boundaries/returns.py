@@ -66,9 +66,9 @@ def state(found: Any) -> None:
     typed(found, Mapping)
     for name, value in found.items():
         kept = np.asarray(value)
-        if not isinstance(name, str) or kept.dtype.kind not in "fiubU":
+        if not isinstance(name, str) or kept.dtype.kind not in "fiubcU":
             raise Wrong(f"{name!r} as {named(value)}, not as an array of numbers")
-        if kept.dtype.kind == "f":
+        if kept.dtype.kind in "fc":
             array(kept, f"`{name}`", kept.shape)
 
 

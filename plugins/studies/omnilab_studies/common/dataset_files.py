@@ -129,7 +129,10 @@ class DataSet:
             ) from None
         old, new = dict(_flat(there)), dict(_flat(json.loads(json.dumps(contents, default=str))))
         old |= {key: _class_name(str(old[key])) for key in old if key.rpartition(".")[2] == "class"}
-        for key in [*old, *new]:
+        later = {
+            key for key in new if key not in old and key.startswith("sensor.")
+        }  # settings that it was begun without
+        for key in [*old, *(key for key in new if key not in later)]:
             if old.get(key) != new.get(key):
                 raise DataError(
                     f"{self.setting}={self.folder} holds another data set: its {key} is {_short(old.get(key))}, not"
