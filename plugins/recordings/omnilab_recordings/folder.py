@@ -7,7 +7,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property, partial
 from pathlib import Path
@@ -28,9 +28,11 @@ from omnilab_recordings.images.files import existing, read_bytes
 from omnilab_recordings.optics import Optics, check_circle, circle_of, most_alike, off_ring, unseen_in
 from omnilab_recordings.panoramas import Panorama, panorama_camera, panorama_kind, proposal
 from omnilab_recordings.poses.filename_poses import Naming, naming
+from omnilab_recordings.questions import questions
 from omnilab_recordings.recording import POSITIONS_FILE, Recording, open_recording
 
 R = TypeVar("R")
+log = logging.getLogger("omnilab")
 
 log = logging.getLogger("omnilab")
 
@@ -49,6 +51,13 @@ class OnBadImage(Enum):
 
     fail = "fail"
     skip = "skip"  # left out, and listed in `Frames.omitted`
+
+
+class HeadingSense(Enum):
+    """Which way yaw_deg and yaw_rad run, seen from above."""
+
+    counterclockwise = "counterclockwise"
+    clockwise = "clockwise"
 
 
 @dataclass(frozen=True)
@@ -86,6 +95,7 @@ class Folder:
     height_step_m: float | None = setting(
         None, above=0
     )  # with names that count levels: between two; null: the preset's
+    headings: HeadingSense | None = None  # which way yaw_deg runs; null: counterclockwise, compared with the pictures
     camera: str | None = None  # its calibration (formats: docs/cameras.md); null: camera.json, if there
     looks: str | None = None  # where the file leaves it open: down, up or ahead; null: ahead of pinholes, else down
     entry: str | None = None  # which camera of a calibration with several, such as cam1
@@ -119,6 +129,12 @@ class Folder:
     def plan(self, layout: PoseRequest) -> Plan:
         """The images that a layout takes, in the order of the positions file (without one: of their names)."""
         rows = self.recording.rows(layout)
+        for question in self._questions:
+            log.warning(question)
+        return self.plan_of(rows)
+
+    def plan_of(self, rows: Ints) -> Plan:
+        """The images in some rows (n,) of the recording."""
         return Plan([self.recording.images[row] for row in rows], self._poses(rows))
 
     def frames(self, plan: Plan) -> Iterator[Frames]:
@@ -194,7 +210,14 @@ class Folder:
     def recording(self) -> Recording:
         """The images and their poses."""
         aside = [self.mask] if self.mask else []
-        return open_recording(self.root, self.positions, self.pattern, aside, self._naming())
+        found = open_recording(self.root, self.positions, self.pattern, aside, self._naming())
+        if self.headings is not HeadingSense.clockwise or found.positions is None:
+            return found
+        return replace(found, positions=found.positions.clockwise())
+
+    @cached_property
+    def _questions(self) -> list[str]:
+        return questions(self)
 
     def _naming(self) -> Naming | None:
         given = {

@@ -14,7 +14,7 @@ from omnilab.api import Floats, Frames, Ints, Motion, check_settings, setting
 from omnilab.errors import DataError
 from omnilab.geometry import planar_poses
 from omnilab.posegraph.graph import inverse, vectors
-from omnilab.trajectory import clocks
+from omnilab.trajectory import clocks, plausibility
 from omnilab.trajectory.files import read_trajectory
 
 
@@ -91,6 +91,7 @@ class Recorded:
     @cached_property
     def _record(self) -> _Record:
         path = read_trajectory(Path(self.file), level=True)
+        plausibility.warn(self.file, path)
         stamps = path.stamps_ns
         if stamps is not None and (np.diff(stamps) <= 0).any():
             row = int(np.argmax(np.diff(stamps) <= 0)) + 2

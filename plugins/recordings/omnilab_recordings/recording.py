@@ -32,6 +32,7 @@ class Recording:
     folder: Path
     images: Sequence[str]  # (N,)
     positions: Positions | None
+    poses_of: str = ""  # what gave the positions: a file, or the names
 
     def rows(self, layout: PoseRequest) -> Ints:
         """Rows of the images that a layout takes; DataError, with what there is, where it takes none."""
@@ -102,7 +103,7 @@ def open_recording(
         )
     if names is not None:
         _check_no_file(folder, positions)
-        return Recording(folder, found, positions_of(found, names))
+        return Recording(folder, found, positions_of(found, names), "poses in names")
     known = _positions_of(folder, positions, found)
     if known is None:
         return Recording(folder, found, None)
@@ -110,7 +111,7 @@ def open_recording(
     beside = {str(PurePosixPath(name).parent) for name in known.images}
     found = [name for name in found if str(PurePosixPath(name).parent) in beside]
     _check_same(folder / str(positions), known.images, found)
-    return Recording(folder, known.images, known)
+    return Recording(folder, known.images, known, str(folder / str(positions)))
 
 
 def _is_folder(path: Path) -> bool:

@@ -57,6 +57,7 @@ def _check(options: argparse.Namespace, output: Path) -> int:
         *dataset_check.of_exposure(files),
     ]
     findings += [problem] if problem else dataset_check.of_poses(sensor.recording)
+    findings += dataset_check.of_readings(replace(sensor, mirrored=bool(found.is_mirrored)))
     if sensor.recording.positions is not None:
         findings.append(dataset_check.of_handedness(found))
     _print(findings, str(options.folder))
@@ -152,7 +153,7 @@ def _moves(sensor: Folder) -> tuple[Handedness, Horizon | None]:
     positions = sensor.recording.positions
     pairs = np.zeros((0, 2), np.int64) if positions is None else neighbours(positions)
     rows, seen = np.unique(pairs), dict[int, Bytes]()
-    for frames in sensor.frames(sensor.plan(RecordedPoses()).at(rows)):
+    for frames in sensor.frames(sensor.plan_of(rows)):
         seen.update(zip(rows[frames.plan_index], panorama(frames.images, frames.camera, FLOW_SHAPE), strict=True))
     pairs = pairs[np.isin(pairs, list(seen)).all(axis=1)]
     if positions is None or len(pairs) == 0:

@@ -49,7 +49,7 @@ def write_report_picture(file: Path, sensor: Folder, level: float | None, found:
 
 def _samples(sensor: Folder) -> tuple[list[Bytes], list[str], Camera]:
     """Some pictures from all over the recording."""
-    plan = sensor.plan(RecordedPoses())
+    plan = sensor.plan_of(sensor.recording.rows(RecordedPoses()))
     chosen = plan.at(np.unique(np.linspace(0, len(plan) - 1, THUMBNAILS).astype(int)))
     batches = list(sensor.frames(chosen))
     names = [chosen.keys[i] for frames in batches for i in frames.plan_index]

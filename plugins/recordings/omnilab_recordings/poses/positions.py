@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from omnilab.api import Floats, Ints
+from omnilab.errors import DataError
 from omnilab.trajectory.tables import read_table
 
 
@@ -19,6 +20,15 @@ class Positions:
     cells: Ints | None  # (N, 2) column and row in a grid
     stamps_ns: Ints | None  # (N,)
     turn: tuple[str, ...] = ()  # the columns, or groups of a name, that gave the rotation; (): none
+
+    def clockwise(self) -> Positions:
+        """The same with headings that run clockwise; DataError unless yaw_deg or yaw_rad gave them."""
+        if self.turn not in {("yaw_deg",), ("yaw_rad",)}:
+            given = ", ".join(self.turn) or "nothing"
+            raise DataError(
+                f"headings=clockwise speaks of yaw_deg and yaw_rad, and {given} gives the rotations; leave it out"
+            )
+        return replace(self, R_world_robot=self.R_world_robot.swapaxes(1, 2))
 
 
 def read_positions(file: Path) -> Positions:

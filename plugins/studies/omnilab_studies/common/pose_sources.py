@@ -12,6 +12,7 @@ import numpy as np
 
 from omnilab.api import NamedPath, PathPoses, Plan, PoseRequest, RandomPoses, RecordedPoses, Sensor
 from omnilab.errors import ConfigError, did_you_mean
+from omnilab.trajectory import plausibility
 from omnilab.trajectory.files import read_trajectory
 from omnilab_studies.common.grids import extent_of
 
@@ -56,7 +57,9 @@ def plan_of_trajectory(sensor: Sensor, source: Source, path: str, height_m: floa
     if source is Source.recorded:
         return sensor.plan(RecordedPoses())
     if Path(path).suffix:
-        return sensor.plan(PathPoses(read_trajectory(Path(path)).T_world_camera))
+        trajectory = read_trajectory(Path(path))
+        plausibility.warn(path, trajectory)
+        return sensor.plan(PathPoses(trajectory.T_world_camera))
     return sensor.plan(NamedPath(path, height_m))
 
 

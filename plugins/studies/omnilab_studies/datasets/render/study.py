@@ -35,6 +35,7 @@ from omnilab.cameras import RayCamera
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of
 from omnilab.image import panorama
+from omnilab.trajectory import plausibility
 from omnilab.trajectory.files import read_trajectory
 from omnilab_studies.common.dataset_files import DataSet, contents_of
 from omnilab_studies.common.grids import grid_poses
@@ -174,6 +175,7 @@ class Render:
                 if Path(str(self.path)).suffix == "":
                     return NamedPath(str(self.path), self.height_m), None
                 trajectory = read_trajectory(Path(str(self.path)))
+                plausibility.warn(str(self.path), trajectory)
                 return PathPoses(trajectory.T_world_camera), trajectory.stamps_ns
             case Where.random:
                 step = None if self.heading_step_deg is None else math.radians(self.heading_step_deg)
