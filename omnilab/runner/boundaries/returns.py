@@ -69,7 +69,7 @@ def state(found: Any) -> None:
         if not isinstance(name, str) or kept.dtype.kind not in "fiubcU":
             raise Wrong(f"{name!r} as {named(value)}, not as an array of numbers")
         if kept.dtype.kind in "fc":
-            array(kept, f"`{name}`", kept.shape)
+            array(np.abs(kept), f"`{name}`", kept.shape)  # of complex numbers, their size
 
 
 def images(found: Any, given: Any, *_: Any) -> None:
