@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, cast, get_type_hints
 
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
@@ -15,8 +16,10 @@ from omnilab.api import KINDS
 from omnilab.api.settings import out_of_range
 from omnilab.errors import ConfigError, DataError
 from omnilab.runner.boundaries import check_declared
-from omnilab.runner.config import Run, Settings, components_of, logs_folder, structured
+from omnilab.runner.config import Run, Settings, components_of, literal, logs_folder, structured
 from omnilab.runner.map_file import about_map, map_file
+from omnilab.runner.overrides.compose_errors import not_inserted, sentence
+from omnilab.runner.overrides.setting_types import wanted
 from omnilab.runner.registry import DICTS, Registry, members
 
 log = logging.getLogger("omnilab")
@@ -24,7 +27,9 @@ log = logging.getLogger("omnilab")
 
 def build(config: DictConfig, registry: Registry) -> Run:
     """Live components from a composed configuration, each slot checked against its Protocol."""
+    _refuse_unfilled(config)
     _refuse_unknown(config)
+    _refuse_nested(config)
     if not OmegaConf.is_missing(config, "map") and config.map is not None:
         _fill_from_map(config, registry)
     try:
@@ -35,7 +40,7 @@ def build(config: DictConfig, registry: Registry) -> Run:
         key = str(error.full_key)
         raise ConfigError(f"{key} is not set and has no default; give {key}=VALUE") from error
     except OmegaConfBaseException as error:
-        raise ConfigError(f"{error.full_key}: {str(error).splitlines()[0]}") from error
+        raise ConfigError(sentence(error, registry)) from error
     assert isinstance(run, Run)
     for name in DICTS:  # null leaves a member out, as it does a slot
         setattr(run, name, {key: member for key, member in getattr(run, name).items() if member is not None})
@@ -71,7 +76,7 @@ def _fill_from_map(config: DictConfig, registry: Registry) -> None:
     if used.get("version") != here:
         log.warning("%s was described by version %s of %s, and %s is installed: distances may not mean the same",
                     path, used.get("version"), used.get("distribution"), here)  # fmt: skip
-    config.map, config.descriptor = str(path), own
+    config.map, config.descriptor = literal(str(path)), own
     if config.distance is None:
         config.distance = _component("distance", "distance", about["config"]["distance"], about, registry)
 
@@ -92,6 +97,31 @@ def _way_to_fill(slot: str, registry: Registry) -> str:
         return f"{slot}={'|'.join(registry.names(slot))}"
     kind = DICTS[slot]
     return f"+{kind}@{slot}.NAME={'|'.join(registry.names(kind))}"
+
+
+def _refuse_unfilled(config: DictConfig) -> None:
+    """ConfigError if a setting inserts what is not there."""
+    for path, settings in structured(config):
+        for key in settings:
+            try:
+                _ = None if OmegaConf.is_missing(settings, key) else settings[key]
+            except OmegaConfBaseException as error:
+                raw = OmegaConf.to_container(settings, resolve=False, throw_on_missing=False)
+                assert isinstance(raw, dict)
+                raise ConfigError(not_inserted(f"{path}{key!s}={raw[key]}", str(error))) from error
+
+
+def _refuse_nested(config: DictConfig) -> None:
+    """ConfigError if a list of numbers or texts holds a list, which OmegaConf lets pass."""
+    for path, settings in structured(config):
+        hints = get_type_hints(cast("type[Any]", OmegaConf.get_type(settings)))
+        raw = OmegaConf.to_container(settings, resolve=False, throw_on_missing=False)
+        assert isinstance(raw, dict)
+        for key, value in raw.items():
+            name, hint = f"{path}{key!s}", hints.get(str(key), Any)
+            nested = isinstance(value, list) and any(isinstance(member, list) for member in value)
+            if nested and not re.search(r"(?i)list\[list|Any", str(hint)):
+                raise ConfigError(f"{name}={value} does not fit: {name} takes {wanted([hint], name)}")
 
 
 def _refuse_unknown(config: DictConfig) -> None:
@@ -142,7 +172,7 @@ def again(saved: Mapping[str, Any], manifest: Mapping[str, Any], registry: Regis
     """The run that a saved configuration and manifest describe, with the components that are installed now."""
     config = OmegaConf.structured(Run)
     for name in saved.keys() - KINDS.keys() - DICTS.keys():
-        config[name] = saved[name]
+        config[name] = literal(saved[name])
     for path, kind, settings in components_of(saved):
         if settings is not None:
             OmegaConf.update(config, path, _component(path, kind, settings, manifest, registry))
@@ -158,11 +188,11 @@ def _component(
         raise ConfigError(f"{registry.missing(kind, used['name'])}; the run had it from {used['distribution']}")
     cls = component.cls
     try:
-        merged = OmegaConf.merge(OmegaConf.structured(cls), settings)
+        merged = OmegaConf.merge(OmegaConf.structured(cls), literal(settings))
     except OmegaConfBaseException as error:
-        reason = str(error).splitlines()[0]
+        key = getattr(error, "full_key", None)
         raise ConfigError(
-            f"the run's {slot} no longer fits {cls.__name__} ({reason}); run the experiment anew"
+            f"the run's {slot} no longer fits {cls.__name__}{f' (its setting {key})' if key else ''}; run the experiment anew"
         ) from error
     assert isinstance(merged, DictConfig)
     return merged

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, make_dataclass
 from typing import TYPE_CHECKING, Any, get_type_hints
@@ -62,6 +63,15 @@ def logs_folder(logs: str) -> str:
     if not logs.strip():
         raise ConfigError(f"logs='{logs}' names no folder; give logs=DIR, or logs=. for the folder that you are in")
     return logs
+
+
+def literal(settings: Any) -> Any:
+    """Settings of which OmegaConf inserts nothing: every ${ in a text stands for itself. For what a file says."""
+    if isinstance(settings, dict):
+        return {name: literal(value) for name, value in settings.items()}
+    if isinstance(settings, list):
+        return [literal(value) for value in settings]
+    return re.sub(r"(\\*)\$\{", r"\1\1\\${", settings) if isinstance(settings, str) else settings
 
 
 def structured(config: DictConfig) -> Iterator[tuple[str, DictConfig]]:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import os
-import re
 import sys
 import traceback
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import fields
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
@@ -18,11 +16,13 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from omnilab.errors import ConfigError, DataError, OmnilabError, did_you_mean
+from omnilab.errors import ConfigError, DataError, OmnilabError
 from omnilab.runner.boundaries import ending
 from omnilab.runner.build import build
-from omnilab.runner.config import Run, logs_folder
+from omnilab.runner.config import literal, logs_folder
 from omnilab.runner.execute import execute
+from omnilab.runner.overrides.command_line import for_hydra, quoted
+from omnilab.runner.overrides.compose_errors import sentence
 from omnilab.runner.registry import Registry, discover
 from omnilab.runner.run_folder import FAILED, RunFolder, load_run, new_folder_name, origin, write_summary
 from omnilab.runner.terminal import headline, print_error, print_summary, short, show_run
@@ -34,14 +34,13 @@ def experiment(argv: list[str], registry: Registry) -> int:
     OmegaConf.register_new_resolver("omnilab_logs", logs_folder, replace=True)
     task = Task(registry)
     os.environ["HYDRA_FULL_ERROR"] = "1"  # exceptions come to us instead of being printed by Hydra
+    argv = for_hydra(argv, registry)
     sys.argv = [sys.argv[0], *argv]
     Summary.failed = 0
     try:
         hydra.main(version_base="1.3", config_path="pkg://omnilab.conf", config_name="config")(task)()
     except (HydraException, OmegaConfBaseException) as error:
-        if isinstance(error.__cause__, OmnilabError):
-            raise error.__cause__ from error
-        raise ConfigError(sentence(error, registry)) from error
+        raise ConfigError(sentence(error, registry, argv)) from error
     except OSError as error:  # Hydra makes the run's folder
         if error.filename is None:
             raise
@@ -52,6 +51,10 @@ def experiment(argv: list[str], registry: Registry) -> int:
         raise ConfigError(
             "a slot cannot be set to null; leave a component out with ~SLOT, as in ~descriptor"
         ) from error
+    except Exception as error:
+        if (mark := getattr(error, "problem_mark", None)) is None:
+            raise
+        raise ConfigError(f"{mark.name}, line {mark.line + 1}, is no YAML; correct it") from error  # a recipe
     if task.mistake:
         raise task.mistake
     return 1 if Summary.failed else 0
@@ -73,12 +76,15 @@ class Task:
             run_job(config, self.registry)
         except OmnilabError as mistake:
             self.mistake = mistake  # Hydra would print its own lines about it
+        except OmegaConfBaseException as error:
+            self.mistake = ConfigError(sentence(error, self.registry))
 
 
 def run_job(config: DictConfig, registry: Registry) -> None:
     """One job: build, execute, show what came out. In a sweep a failure is noted, and the other jobs go on."""
     state = HydraConfig.get()
-    folder, overrides = Path(state.runtime.output_dir), list(state.overrides.task)
+    folder = Path(_as_is(state.runtime)["output_dir"])
+    overrides = _as_is(state.overrides)["task"]
     name = str(state.runtime.choices.get("experiment"))
     _say_new_names(state.runtime.choices, registry)
     if state.mode is not RunMode.MULTIRUN:
@@ -95,6 +101,11 @@ def run_job(config: DictConfig, registry: Registry) -> None:
     except Exception as bug:  # noqa: BLE001  shown in full; the other jobs of the sweep must not pay for it
         _note_failure(folder, overrides, name, bug)
         traceback.print_exc()
+
+
+def _as_is(node: Any) -> dict[str, Any]:
+    """A part of Hydra's own configuration, where a ${ in the name of a folder stands for itself."""
+    return cast("dict[str, Any]", OmegaConf.to_container(node, resolve=False, throw_on_missing=False))
 
 
 def _say_new_names(choices: Mapping[str, Any], registry: Registry) -> None:
@@ -136,14 +147,18 @@ class Summary:
     def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
         """All jobs go into one folder, also where a sweep is over experiments."""
         try:
-            folder = str(config.hydra.sweep.dir).replace("'", "\\'")
+            folder = quoted(literal(str(config.hydra.sweep.dir)))
         except OmegaConfBaseException:
             return  # Hydra comes upon it next, and what it raises is shown
-        config.hydra.overrides.hydra.append(f"hydra.sweep.dir='{folder}'")
+        config.hydra.overrides.hydra.append(f"hydra.sweep.dir={folder}")
 
     def on_multirun_end(self, config: DictConfig, **_: Any) -> None:
         folder = Path(config.hydra.sweep.dir)
         header, rows = write_summary(folder)
+        if not rows:
+            print_error("the sweep has no job: one of its values, such as glob(...), matches nothing; correct that one")
+            Summary.failed = 1
+            return
         print_summary(header, rows, title=str(short(folder / "summary.csv")))
         Summary.failed = sum(row[header.index("status")] != "done" for row in rows)
         if Summary.failed:
@@ -153,41 +168,3 @@ class Summary:
         if name.startswith("on_"):  # Hydra calls every event on every callback
             return lambda *_, **__: None
         raise AttributeError(name)
-
-
-# ------------------------------------------------------------------------------------------------------- sentences
-def sentence(error: Exception, registry: Registry) -> str:
-    """What Hydra and OmegaConf say, as one sentence with a suggestion."""
-    text = f"{error}\n{error.__cause__ or ''}"
-    if found := re.search(r"Could not find '(\w+)/([^']*)'", text):
-        return _missing_choice(found[1], found[2], text, registry)
-    if found := re.search(r"Key '(\w+)' (?:is )?not in '(\w+)'", text):
-        return _missing_key(found[1], found[2], text, registry)
-    if found := re.search(r"Multiple values for (\w+)\.", text):
-        return f"{found[1]} is a choice already, so +{found[1]} would be a second; give {found[1]}=NAME without the +"
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    if cause := str(error.__cause__ or "").strip():
-        lines.append(cause.splitlines()[0].strip())
-    return re.sub(r"^Error merging override ([^;]+);", r"\1:", "; ".join(dict.fromkeys(lines)))
-
-
-def _missing_choice(group: str, name: str, text: str, registry: Registry) -> str:
-    if registry.names(group):
-        return registry.missing(group, name)
-    listed = text.partition("Available options")[2].partition("Config search path")[0]
-    options = [line.strip() for line in listed.splitlines()[1:] if line.strip()]
-    return (
-        f"{group} '{name}' does not exist; there is {', '.join(options)}{did_you_mean(name, options, f'{group}=')}"
-        + registry.failed
-    )
-
-
-def _missing_key(key: str, owner: str, text: str, registry: Registry) -> str:
-    classes: Iterable[type[Any]] = [Run, *(component.cls for component in registry.components.values())]
-    cls = next((c for c in classes if c.__name__ == owner), Run)
-    known = [field.name for field in fields(cls)]
-    path = found[1] if (found := re.search(r"Could not override '([^']+)'", text)) else key
-    where = "a run" if cls is Run else owner
-    return (
-        f"'{path}' is not a setting of {where}; there is {', '.join(known)}{did_you_mean(key, known)}" + registry.failed
-    )

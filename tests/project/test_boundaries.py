@@ -39,14 +39,19 @@ MAY_IMPORT = {
 }
 CONTRACT = set(MAY_IMPORT) - {"runner", "__main__"}  # what plugins may import
 THIRD_PARTY = {  # which modules of omnilab may import what, beside numpy
-    "hydra": {"runner.registry", "runner.config", "runner.build", "runner.hydra_app"},
-    "omegaconf": {"runner.registry", "runner.config", "runner.build", "runner.execute", "runner.hydra_app"},
+    "hydra": {
+        "runner.registry", "runner.config", "runner.build", "runner.hydra_app", "runner.overrides.command_line",
+    },
+    "omegaconf": {
+        "runner.registry", "runner.config", "runner.build", "runner.execute", "runner.hydra_app",
+        "runner.overrides.command_line", "runner.overrides.compose_errors",
+    },
     "pluggy": {"hooks", "runner.registry"},
     "cv2": {"image", "cameras.reproject"},
     "rich": {"runner.cli", "runner.console_sink", "runner.terminal"},
     "threadpoolctl": {"runner.execute"},
     "yaml": {"runner.run_folder", "cameras.formats.safe_yaml"},
-}
+}  # fmt: skip
 LAZY = {"cv2", "rich", "threadpoolctl", "yaml"}  # within functions only: importing omnilab is free of work
 HEAVY = {"cv2", "gtsam", "matplotlib", "mcap", "numba", "rerun", "scipy", "skimage"}
 MOST_FILES, MOST_LINES = 20, 400  # of a folder, of a module

@@ -1,0 +1,1 @@
+"""Settings on the command line: before Hydra reads them, and what was wrong with them."""
