@@ -24,6 +24,6 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser("omnilab view", description=view.__doc__)
     add = parser.add_argument
     add("run", nargs="?", type=Path, default=Path("logs/latest"), help="run folder (default: the latest)")
-    add("--screenshot", type=Path, metavar="FILE", help="write a PNG instead of opening a window")
+    add("--screenshot", type=Path, metavar="FILE.png", help="write this PNG instead of opening a window")
     add("--step", type=int, help="the step to show in the picture (default: the last with an image)")
     return parser

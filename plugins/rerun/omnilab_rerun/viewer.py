@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
@@ -13,13 +14,14 @@ from typing import IO
 from rerun.chunk import RrdReader
 from rerun.experimental import ViewerClient
 
-from omnilab.errors import DataError
+from omnilab.errors import ConfigError, DataError
 from omnilab_rerun.binary import binary, complaint, quiet_environment
 from omnilab_rerun.ports import LOOPBACK, free_port
 
 START_TIMEOUT_S = 60.0
 SETTLE_S = 0.5  # images are decoded over several frames
 SETTLE_TRIES = 20
+MOST_SPANS = 8  # of steps that are named one by one
 
 
 def show(recording: Path) -> None:
@@ -30,24 +32,92 @@ def show(recording: Path) -> None:
     if ended.returncode:
         raise DataError(
             f"the Rerun viewer ended with code {ended.returncode} ({complaint(ended.stderr)}); without a display take a"
-            " picture instead: omnilab view --screenshot FILE"
+            " picture instead: omnilab view --screenshot FILE.png"
         )
 
 
 def take_picture(recording: Path, picture: Path, step: int | None, size: tuple[int, int]) -> None:
-    """Show a step of the recording in a viewer without a window, and write what is seen as a PNG."""
+    """Show a step of the recording in a viewer without a window, and write what is seen as a PNG.
+
+    ConfigError for another kind of file or a step that was not logged, DataError if nothing can be read, shown or
+    written; the file is written whole or not at all.
+    """
+    if picture.suffix.lower() != ".png":
+        raise ConfigError(f"the picture {picture} would be a PNG by another name; give {picture.with_suffix('.png')}")
     _exists(recording)
+    part = picture.with_name(f".{picture.name}.part")
     try:
+        if picture.is_dir():
+            raise IsADirectoryError(errno.EISDIR, "it is a folder")
         picture.parent.mkdir(parents=True, exist_ok=True)
-        picture.touch()
+        part.touch()  # found here, before the viewer has worked for nothing
     except OSError as error:
         raise DataError(f"the picture {picture} cannot be written ({error.strerror}); give another path") from error
-    step = last_step_with_image(recording) if step is None else step
-    with _headless_viewer(recording, size) as client:
-        client.run_command("ui.toggle_top_panel")
-        if step is not None:
-            client.set_time("step", sequence=step, play_state="paused")
-        picture.write_bytes(_settled(client, max(size)))
+    try:
+        steps, last_image = steps_of(recording)
+        if step is not None and step not in steps:
+            there = f"it has {_spans(steps)}" if steps else "it has none; leave --step out"
+            raise ConfigError(f"{recording} has no step {step}; {there}")
+        part.write_bytes(_seen(recording, last_image if step is None else step, size))
+        part.replace(picture)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _spans(steps: Collection[int]) -> str:
+    """Numbers in few words: 0 to 4, 8."""
+    ordered, found = sorted(steps), list[list[int]]()
+    for step in ordered:
+        if found and step == found[-1][-1] + 1:
+            found[-1].append(step)
+        else:
+            found.append([step])
+    words = [f"{span[0]} to {span[-1]}" if len(span) > 2 else ", ".join(map(str, span)) for span in found]
+    if len(words) > MOST_SPANS:
+        return f"{len(ordered)} steps from {ordered[0]} to {ordered[-1]}, such as {', '.join(map(str, ordered[:MOST_SPANS]))}"
+    return ", ".join(words)
+
+
+def steps_of(recording: Path) -> tuple[set[int], int | None]:
+    """The steps at which something was logged, and the last of them with an image."""
+    steps, images = set[int](), set[int]()
+    try:
+        for chunk in RrdReader(recording).stream().filter(has_timeline="step").to_chunks():
+            batch = chunk.to_record_batch()
+            logged = batch.column("step").cast("int64").to_pylist()
+            steps.update(logged)
+            if "EncodedImage:blob" in batch.schema.names:
+                images.update(logged)
+    except RuntimeError as error:
+        raise DataError(f"{recording} cannot be read back; mend it: omnilab repair {recording.parent}") from error
+    return steps, max(images, default=None)
+
+
+def _seen(recording: Path, step: int | None, size: tuple[int, int]) -> bytes:
+    """A PNG of a step. A viewer that does not answer in time gets a second try: the machine may be busy."""
+    for again in (True, False):
+        try:
+            with _headless_viewer(recording, size) as client:
+                client.run_command("ui.toggle_top_panel")
+                if step is not None:
+                    client.set_time("step", sequence=step, play_state="paused")
+                if seen := _settled(client, max(size)):
+                    return seen
+        except (RuntimeError, OSError):  # it raises either when the viewer is too slow
+            if again:
+                continue
+        except _NoViewer as error:
+            if error.useless or not again:
+                raise DataError(str(error)) from error
+    raise DataError("the Rerun viewer did not answer in time, twice; try again when the machine has less to do")
+
+
+class _NoViewer(Exception):
+    """The viewer ended or showed nothing; `useless`: it would do so again."""
+
+    def __init__(self, why: str, useless: bool = False) -> None:
+        super().__init__(why)
+        self.useless = useless
 
 
 def _settled(client: ViewerClient, longest: int) -> bytes:
@@ -59,16 +129,6 @@ def _settled(client: ViewerClient, longest: int) -> bytes:
         if last == before:
             break
     return last
-
-
-def last_step_with_image(recording: Path) -> int | None:
-    """The last step at which an image was logged, if any was."""
-    try:
-        chunks = RrdReader(recording).stream().filter(has_timeline="step", components="EncodedImage:blob").to_chunks()
-    except RuntimeError as error:
-        raise DataError(f"{recording} cannot be read ({error}); mend it: omnilab repair {recording.parent}") from error
-    steps = (max(chunk.to_record_batch().column("step").to_pylist()) for chunk in chunks)
-    return max(steps, default=None)
 
 
 @contextmanager
@@ -102,16 +162,17 @@ def _connected(viewer: subprocess.Popen[bytes], port: int, log: IO[str]) -> View
         if state.views and not state.loading:
             return client
         time.sleep(0.1)
-    raise DataError(f"the Rerun viewer showed nothing within {START_TIMEOUT_S:.0f} s; open the recording on a screen")
+    raise _NoViewer(f"the Rerun viewer showed nothing within {START_TIMEOUT_S:.0f} s; open the recording on a screen")
 
 
-def _no_viewer(code: int, log: str) -> DataError:
+def _no_viewer(code: int, log: str) -> _NoViewer:
     if code == 102 or "adapter" in log:
-        return DataError(
+        return _NoViewer(
             "the Rerun viewer found no Vulkan driver to draw with; install one, on Debian or Ubuntu:"
-            " apt-get install mesa-vulkan-drivers"
+            " apt-get install mesa-vulkan-drivers",
+            useless=True,
         )
-    return DataError(f"the Rerun viewer ended with code {code} ({complaint(log)}); run `rerun` by hand to see why")
+    return _NoViewer(f"the Rerun viewer ended with code {code} ({complaint(log)}); run `rerun` by hand to see why")
 
 
 def _exists(recording: Path) -> None:

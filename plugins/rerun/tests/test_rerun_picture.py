@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from contextlib import contextmanager
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from omnilab.api import Image, Mesh, Panel, Text, Tick, ViewLayout
-from omnilab.errors import DataError
+from omnilab.errors import ConfigError, DataError
 from omnilab_rerun import RerunSink
+from omnilab_rerun import viewer as viewer_module
 from omnilab_rerun.binary import binary, quiet_environment
 from omnilab_rerun.ports import free_port
 
@@ -68,7 +71,7 @@ def pure_pixels(picture):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("needs_vulkan")
-@pytest.mark.parametrize(("step", "shown"), [(None, 1), (8, 1), (5, 0)])
+@pytest.mark.parametrize(("step", "shown"), [(None, 1), (8, 1), (3, 0)])
 def test_the_picture_shows_the_step_in_the_embedded_layout(run, tmp_path, step, shown):
     RerunSink().view(run, tmp_path / "pictures" / "p.png", step=step, size=(800, 400))
     pixels, shape = pure_pixels(tmp_path / "pictures" / "p.png")
@@ -117,8 +120,130 @@ def test_a_run_without_recording_is_reported(tmp_path, screenshot):
 def test_a_torn_recording_is_reported_before_the_viewer_starts(run, tmp_path):
     whole = (run / "run.rrd").read_bytes()
     (run / "run.rrd").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(DataError, match=r"cannot be read .*; mend it: omnilab repair"):
+    with pytest.raises(DataError, match=r"cannot be read back; mend it: omnilab repair"):
         RerunSink().view(run, tmp_path / "p.png")
+
+
+# ------------------------------------------------------------------------------------------- what is refused
+PNG = b"\x89PNG made up"
+
+
+@pytest.fixture
+def viewer(monkeypatch):
+    """`viewer(*answers)`: what each viewer that is started answers, an error or a picture. Calls: the steps shown."""
+    shown = []
+
+    def made_up(*answers):
+        left = list(answers)
+
+        class Client:
+            def run_command(self, _):
+                pass
+
+            def set_time(self, _, sequence, play_state):
+                assert play_state == "paused"
+                shown.append(sequence)
+
+            def take_screenshot(self, max_size):
+                if isinstance(left[0], bytes):
+                    return left[0]
+                raise left.pop(0)
+
+        @contextmanager
+        def started(recording, size):
+            if isinstance(left[0], viewer_module._NoViewer):
+                raise left.pop(0)
+            yield Client()
+
+        monkeypatch.setattr(viewer_module, "_headless_viewer", started)
+        monkeypatch.setattr(viewer_module, "SETTLE_S", 0)
+        return shown
+
+    return made_up
+
+
+@pytest.mark.parametrize("step", [999, -1, 5, 0, 10])
+def test_a_step_that_was_not_logged_is_refused(run, tmp_path, viewer, step):
+    shown = viewer(PNG)
+    with pytest.raises(ConfigError, match=rf"run\.rrd has no step {step}; it has 3, 8, 9$"):
+        RerunSink().view(run, tmp_path / "p.png", step=step)
+    assert shown == []
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run.rrd"]
+
+
+@pytest.mark.parametrize(("step", "expected"), [(None, 8), (3, 3), (9, 9)])
+def test_the_step_that_is_named_is_shown(run, tmp_path, viewer, step, expected):
+    shown = viewer(PNG)
+    RerunSink().view(run, tmp_path / "p.png", step=step)
+    assert shown == [expected]
+    assert (tmp_path / "p.png").read_bytes() == PNG
+
+
+def test_a_recording_without_steps_says_so(tmp_path, viewer):
+    sink = RerunSink()
+    sink.open(tmp_path)
+    sink.write("room", FLOOR, None)
+    sink.close()
+    viewer(PNG)
+    with pytest.raises(ConfigError, match="has no step 1; it has none; leave --step out"):
+        RerunSink().view(tmp_path, tmp_path / "p.png", step=1)
+    RerunSink().view(tmp_path, tmp_path / "p.png")
+
+
+@pytest.mark.parametrize(
+    ("steps", "words"),
+    [(range(5), "0 to 4"), ([0, 1, 5, 6, 7], "0, 1, 5 to 7"), ([7], "7"), (range(0, 40, 2), "20 steps from 0 to 38, such as 0, 2, 4, 6, 8, 10, 12, 14")],
+)  # fmt: skip
+def test_steps_in_few_words(steps, words):
+    assert viewer_module._spans(set(steps)) == words
+
+
+@pytest.mark.parametrize("name", ["p.jpg", "p", "p.pdf", "p.png.gif"])
+def test_another_kind_of_picture_is_refused_and_the_advice_works(run, tmp_path, viewer, name):
+    viewer(PNG)
+    with pytest.raises(ConfigError, match=r"would be a PNG by another name; give (\S+\.png)$") as refused:
+        RerunSink().view(run, tmp_path / name)
+    assert not (tmp_path / name).exists()
+    advised = Path(str(refused.value).rpartition("give ")[2])
+    RerunSink().view(run, advised)
+    assert advised.read_bytes() == PNG
+
+
+@pytest.mark.parametrize("first", [RuntimeError("timeout"), ConnectionError(), TimeoutError(), viewer_module._NoViewer("it showed nothing")], ids=repr)  # fmt: skip
+def test_a_slow_viewer_gets_a_second_try(run, tmp_path, viewer, first):
+    viewer(first, PNG)
+    RerunSink().view(run, tmp_path / "p.png")
+    assert (tmp_path / "p.png").read_bytes() == PNG
+
+
+@pytest.mark.parametrize(
+    ("answers", "told"),
+    [
+        ([RuntimeError("a"), RuntimeError("b")], "did not answer in time, twice"),
+        ([viewer_module._NoViewer("it showed nothing")] * 2, "it showed nothing"),
+        ([viewer_module._NoViewer("no driver", useless=True)], "no driver"),
+    ],
+    ids=["silent", "slow", "no driver"],
+)
+def test_a_viewer_that_fails_leaves_the_picture_of_before(run, tmp_path, viewer, answers, told):
+    for before in (None, b"before"):
+        if before is not None:
+            (tmp_path / "p.png").write_bytes(before)
+        viewer(*answers)
+        with pytest.raises(DataError, match=told):
+            RerunSink().view(run, tmp_path / "p.png")
+        assert (tmp_path / "p.png").exists() == (before is not None)
+        assert not list(tmp_path.glob(".*"))
+    assert (tmp_path / "p.png").read_bytes() == b"before"
+
+
+@pytest.mark.parametrize("path", ["folder.png", "file/p.png"])
+def test_a_picture_that_cannot_be_written_is_named(run, tmp_path, viewer, path):
+    (tmp_path / "folder.png").mkdir()
+    (tmp_path / "file").write_text("in the way")
+    viewer(PNG)
+    with pytest.raises(DataError, match=r"the picture .* cannot be written \(.*\); give another path"):
+        RerunSink().view(run, tmp_path / path)
 
 
 @pytest.mark.slow

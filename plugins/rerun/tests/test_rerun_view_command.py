@@ -69,5 +69,5 @@ def test_help_names_the_options(command, capsys):
     text = capsys.readouterr().out
     assert text.startswith("usage: omnilab view")
     assert "Open a run's recording in Rerun, or take its picture without a display." in text
-    assert "--screenshot FILE" in text
+    assert "--screenshot FILE.png" in text
     assert "--step STEP" in text
