@@ -15,6 +15,7 @@ from omnilab_mirror.scene.world import World
 HEIGHT_M = 1.0
 SAME_PLANE_M = 0.002  # nearer than this, two quads shine through each other
 OVERLAP_M = 0.02  # quads and solids that touch overlap by less
+RIGHT_DEG = (45, 90, 135, 180, 270)  # asked about where they are given in radians
 OPEN_M = 500.0  # an area as high as this has no ceiling
 
 
@@ -22,6 +23,7 @@ def warnings_of(world: World) -> Iterator[str]:
     """The warnings, one sentence each."""
     if question := unit_of_areas(world.areas):
         yield question
+    yield from _turns(world)
     yield from _areas(world)
     yield from _lamps(world)
     yield from _outside(world)
@@ -41,6 +43,14 @@ def _areas(world: World) -> Iterator[str]:
         i = "xy".index(axis)
         if -side / 2 < low[i] or side / 2 > high[i]:
             yield f"map_m is {side:g} m in {axis}, from {-side / 2:g} to {side / 2:g}, but there is floor from {low[i]:g} to {high[i]:g} only"
+
+
+def _turns(world: World) -> Iterator[str]:
+    """Angles that are round in radians, and as degrees are next to nothing."""
+    for solid in world.solids:
+        degrees = float(np.rad2deg(solid.place.turn_rad))
+        if meant := next((whole for whole in RIGHT_DEG if abs(abs(degrees) - np.deg2rad(whole)) < 2e-3), None):
+            yield f"'{solid.name}' has turn_deg={degrees:.4g}; if that is in radians, write {np.sign(degrees) * meant:g}"
 
 
 def _lamps(world: World) -> Iterator[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -215,7 +216,8 @@ def test_a_texture_without_places_is_said(shown, read):
     mesh = read("mtllib m.mtl\n" + SQUARE + PLACES + "usemtl red\nf 1/1 2/2 3/3\nf 1 3 4\n",
                 m_mtl="newmtl red\nKd 1 0 1\nmap_Kd blue.png\n", blue_png=np.full((2, 2, 3), (0, 0, 255), np.uint8))  # fmt: skip
     assert shown(mesh) == [(0, 0, 255), (255, 0, 255)]
-    assert "1 triangles have a texture but no texture coordinates" in mesh.notes[0]
+    assert any("1 triangles have a texture but no texture coordinates" in note for note in mesh.notes)
+    assert any("1 materials have a colour (Kd) beside their texture" in note for note in mesh.notes)
 
 
 @pytest.mark.parametrize("colors", ["1 0 0.2", "255 0 51", "1 0 0.2 1"])
@@ -247,12 +249,18 @@ def test_vertices_with_and_without_colours(shown, read):
         (np.full((4, 4), True), None, "t.png", (255, 255, 255), None),
         (np.full((4, 4), 0.5, np.float32), None, "t.tif", GREY, "its pixels are fractions; save it with 8 or 16 bits"),
         (np.full((4, 4), 25_700, np.uint16), None, "t.tif", (100, 100, 100), None),
+        (np.full((4, 4), 1606, np.uint16), None, "t.png", (6, 6, 6), "1 textures have 16 bits and use 12 or fewer"),
+        (np.full((4, 4, 3), 25_700, np.uint16), "cv2", "t.png", (100, 100, 100), None),
+        (np.full((4, 4, 3), 25_700, np.uint16), "cv2", "t.tif", (100, 100, 100), None),
     ],
 )
 def test_pictures_of_other_depths(shown, read, tmp_path, pixels, mode, name, color, note):
-    Image.fromarray(pixels, mode=mode).save(tmp_path / name) if mode is None else Image.merge(
-        mode, [Image.fromarray(pixels[..., i]) for i in range(2)]
-    ).save(tmp_path / name)
+    if mode == "cv2":
+        cv2.imwrite(str(tmp_path / name), pixels)
+    elif mode:
+        Image.merge(mode, [Image.fromarray(pixels[..., i]) for i in range(2)]).save(tmp_path / name)
+    else:
+        Image.fromarray(pixels).save(tmp_path / name)
     mesh = read(
         "mtllib m.mtl\n" + SQUARE + PLACES + "usemtl red\nf 1/1 2/2 3/3 4/4\n", m_mtl=f"newmtl red\nmap_Kd {name}\n"
     )

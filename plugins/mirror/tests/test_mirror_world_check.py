@@ -7,6 +7,7 @@ import re
 import struct
 import zlib
 
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
@@ -14,6 +15,7 @@ from PIL import Image
 from omnilab.errors import ConfigError, DataError
 from omnilab_mirror import Mirror
 from omnilab_mirror.commands import world_command
+from omnilab_mirror.render.prepared_world import baked_pictures
 from omnilab_mirror.scene.load import load_world
 
 CORNERS = [(0, 0), (6, 0), (6, 2), (2, 2), (2, 6), (0, 6)]  # an L of 20 m²
@@ -258,7 +260,11 @@ TEXTURED = "map_m: [1, 1]\ntextures:\n  it: {{kind: image, file: {}}}\nobjects:\
         ("folder.png", "no regular file"),
         ("loop.png", "symbolic links"),
         ("out.png", "outside the folder"),
-        ("bomb.png", "at most 40000000 pixels"),
+        ("bomb.png", r"at most 40000000 pixels \(it has more than"),
+        ("huge.hdr", r"at most 40000000 pixels \(it has 99999 x 99999\)"),
+        ("cut.jpg", "no picture, or not all of it"),
+        ("fractions.tif", "its pixels are fractions; save it with 8 or 16 bits"),
+        ("program.png", "no picture"),
         ("x" * 300 + ".png", "too long"),
     ],
 )
@@ -270,9 +276,39 @@ def test_pictures_that_are_no_files_or_too_large_are_refused_before_they_are_rea
     head = b"IHDR" + struct.pack(">IIBBBBB", 20_000, 20_000, 1, 0, 0, 0, 0)
     head = struct.pack(">I", 13) + head + struct.pack(">I", zlib.crc32(head))
     (tmp_path / "bomb.png").write_bytes(b"\x89PNG\r\n\x1a\n" + head + struct.pack(">I", 0) + b"IDAT")
+    (tmp_path / "huge.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 99999 +X 99999\n")
+    (tmp_path / "program.png").write_bytes(b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n(x) print\n")
+    Image.fromarray(np.random.default_rng(0).integers(0, 255, (64, 64, 3), np.uint8)).save(tmp_path / "whole.jpg")
+    (tmp_path / "cut.jpg").write_bytes((tmp_path / "whole.jpg").read_bytes()[:2000])
+    Image.fromarray(np.full((4, 4), 0.5, np.float32)).save(tmp_path / "fractions.tif")
     with pytest.raises(DataError, match=rf"line 3: 'it' has file=.*{reason}") as error:
         load_world(write(TEXTURED.format(name)))
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "pixels"),
+    [
+        ("16.png", np.full((8, 8, 3), 25_700, np.uint16)),
+        ("grey.png", np.full((8, 8), 25_700, np.uint16)),
+        ("16.tif", np.full((8, 8, 3), 25_700, np.uint16)),
+        ("8.jpg", np.full((8, 8, 3), 100, np.uint8)),
+        ("linear.hdr", np.full((8, 8, 3), 100 / 255, np.float32)),
+    ],
+)
+def test_pictures_of_other_depths_are_as_bright_as_they_were(write, tmp_path, name, pixels):
+    cv2.imwrite(str(tmp_path / name), pixels)
+    picture = baked_pictures(load_world(write("light: {ambient: 1}\n" + TEXTURED.format(name))))[0]
+    assert np.abs(picture.astype(int) - 100).max() <= 1
+
+
+@pytest.mark.parametrize(
+    ("angle", "meant"), [(1.5708, "90"), (-1.571, "-90"), (3.1416, "180"), (4.712, "270"), (90, None), (2, None)]
+)
+def test_turns_in_radians_are_asked_about(check, write, small, angle, meant):
+    out = check(write(small.replace("at: [0.8, 0.8]", f"at: [0.8, 0.8], turn_deg: {angle}")))[1]
+    assert ("in radians" in out) == (meant is not None)
+    assert not meant or f"'crate' has turn_deg={angle:.4g}; if that is in radians, write {meant}" in out
 
 
 @pytest.mark.parametrize(("name", "reason"), [('"a\\0.obj"', "NUL"), ("pipe.obj", "no regular file|cannot be read")])

@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from omnilab.errors import DataError
-from omnilab_mirror.scene.meshes.mesh_materials import BROKEN, MeshMaterials
+from omnilab_mirror.scene.meshes.mesh_materials import MeshMaterials
+from omnilab_mirror.scene.pictures import BROKEN
 
 Array = npt.NDArray[Any]
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}

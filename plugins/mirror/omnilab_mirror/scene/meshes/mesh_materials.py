@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import struct
-import warnings
-import zlib
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,12 +9,12 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image
 
 from omnilab.api import Bytes, Floats
 from omnilab.errors import DataError
 from omnilab_mirror.scene.file_stamps import Stamp, stamp_of
 from omnilab_mirror.scene.nearby_files import bytes_of, file_below
+from omnilab_mirror.scene.pictures import BROKEN, DARK, FRACTIONS, opened
 
 Array = npt.NDArray[Any]
 GREY = (160, 160, 160)  # of what has no colour
@@ -28,17 +24,6 @@ MAX_PIXELS = 64_000_000  # of one texture
 MAX_TEXELS = 200_000_000  # of all of them
 HIGHEST_SHARE = 2.0  # of colours that are fractions, a few of which may be more than 1
 WHITE = np.full((1, 1, 3), 255, np.uint8)
-FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "WEBP", "GIF", "PPM", "DDS")  # no other, as EPS would run a program
-BROKEN: tuple[type[Exception], ...] = (
-    OSError,
-    EOFError,
-    SyntaxError,
-    ValueError,
-    LookupError,
-    TypeError,
-    OverflowError,
-)
-BROKEN += (NotImplementedError, struct.error, zlib.error, Image.DecompressionBombError)  # what Pillow raises
 FAR = 1e5  # from 0
 OPAQUE = 250  # of 255
 ORIENTATION = 0x0112  # of EXIF
@@ -123,9 +108,7 @@ class MeshMaterials:
         return pixels
 
     def _decoded(self, name: str, data: bytes) -> Bytes:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about the size, which is judged here
-            image = Image.open(io.BytesIO(data), formats=FORMATS)
+        image = opened(data)
         if image.width * image.height > MAX_PIXELS:
             raise DataError(f"{self.file}: '{name}' has {image.width} x {image.height} pixels, {MAX_PIXELS} may be read;"
                             " make it smaller")  # fmt: skip
@@ -137,9 +120,11 @@ class MeshMaterials:
             alpha = np.asarray(image.convert("RGBA"))[..., 3]
             self.notes["textures are transparent in parts and are shown opaque"] += bool(alpha.min() < OPAQUE)
         if image.mode == "F":
-            raise ValueError("its pixels are fractions; save it with 8 or 16 bits")
+            raise ValueError(FRACTIONS)
         if image.mode.startswith("I"):  # 16 bits, which Pillow would cut off at 255
-            grey = np.clip(np.rint(np.asarray(image) / 257), 0, 255).astype(np.uint8)
+            values = np.asarray(image)
+            self.notes["textures have 16 bits and use 12 or fewer, so that they are dark"] += 0 < values.max() <= DARK
+            grey = np.clip(np.rint(values / 257), 0, 255).astype(np.uint8)
             return np.repeat(grey[..., None], 3, axis=2)
         return np.asarray(image.convert("RGB"))
 

@@ -8,10 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from omnilab.api import Bytes, Floats
-from omnilab_mirror.scene.meshes.mesh_materials import BROKEN, GREY, MeshMaterials
+from omnilab_mirror.scene.meshes.mesh_materials import GREY, MeshMaterials
+from omnilab_mirror.scene.pictures import BROKEN
 
 OPTIONS = {"-blendu": 1, "-blendv": 1, "-boost": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1, "-texres": 1, "-bm": 1}
 OPTIONS |= {"-mm": 2, "-type": 1, "-colorspace": 1}  # how many words follow each option of a picture
+TINT = 12  # of 255: how far from grey a colour is that a texture should take
 VECTORS = {"-o", "-s", "-t"}  # followed by one to three numbers
 
 
@@ -76,6 +78,8 @@ def _materials(text: str, materials: MeshMaterials) -> dict[str, Material]:
         elif (key == "d" and _number(rest, 1) < 1) or (key == "tr" and _number(rest, 0) > 0) or key == "map_d":
             transparent.add(id(current))
     materials.notes["materials are transparent and are shown opaque"] += len(transparent)
+    tinted = sum(bool(material.texture) and bool(np.ptp(material.color) > TINT) for material in found.values())
+    materials.notes["materials have a colour (Kd) beside their texture, which is shown without"] += tinted
     return found
 
 

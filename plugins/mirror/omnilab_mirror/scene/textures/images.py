@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import io
-import warnings
 from collections.abc import Iterable
 from pathlib import Path
 
 import cv2
 import numpy as np
-from PIL import Image
 
 from omnilab.api import Bytes, Floats
 from omnilab_mirror.scene.nearby_files import bytes_of, file_below
+from omnilab_mirror.scene.pictures import complaint
 from omnilab_mirror.scene.textures.canvas import Canvas, Painter
 from omnilab_mirror.scene.world_yaml import Section
 
@@ -45,7 +43,7 @@ def images_of(sections: Iterable[Section]) -> list[Path]:
 
 
 def _image(s: Section, file: str) -> Bytes:
-    """RGB pixels (h, w, 3). Their number is read from the picture's head first: a small file may hold a huge picture."""
+    """RGB pixels (h, w, 3)."""
     try:
         data = bytes_of(file_below(s.file.parent, file), MAX_IMAGE_BYTES)
     except OSError as error:
@@ -54,20 +52,8 @@ def _image(s: Section, file: str) -> Bytes:
         raise s.invalid("file", file, f"a picture below the world's folder ({error}); copy or save it there") from None
     if not data:
         raise s.invalid("file", file, f"a picture of 1 to {MAX_IMAGE_BYTES} bytes, not 0; save it again")
-    pixels = _pixel_count(data)
-    decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if 0 < pixels <= MAX_IMAGE_PIXELS else None
+    problem = complaint(data, MAX_IMAGE_PIXELS)
+    decoded = None if problem else cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     if decoded is None:
-        raise s.invalid("file", file, f"a picture such as PNG or JPEG of at most {MAX_IMAGE_PIXELS} pixels")
+        raise s.invalid("file", file, f"a picture such as PNG or JPEG of at most {MAX_IMAGE_PIXELS} pixels ({problem})")
     return np.asarray(decoded[..., ::-1])
-
-
-def _pixel_count(data: bytes) -> int:
-    """Width times height by the head of a picture; 0 where it is none."""
-    try:
-        with warnings.catch_warnings(), Image.open(io.BytesIO(data)) as head:
-            warnings.simplefilter("ignore")  # about the size, which is judged here
-            return int(head.width * head.height)
-    except (OSError, SyntaxError, ValueError):
-        return 0
-    except Image.DecompressionBombError:
-        return MAX_IMAGE_PIXELS + 1
