@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-import stat
 from collections.abc import Mapping
 from dataclasses import asdict
 from functools import cache, partial
@@ -16,7 +15,7 @@ from omnilab.cameras.formats import camodocal, kalibr, opencv, pyocamcalib
 from omnilab.cameras.formats.camera_json import MODELS, camera_of
 from omnilab.cameras.formats.entry import CameraParameters, Entry, Size
 from omnilab.cameras.formats.safe_yaml import load_yaml
-from omnilab.cameras.formats.unread import READ, known_bytes, known_keys, known_text
+from omnilab.cameras.formats.unread import READ, known_file, known_keys, known_text
 from omnilab.cameras.ocam import OCamCamera
 from omnilab.cameras.plausibility import check_sees
 from omnilab.errors import ConfigError, DataError
@@ -134,16 +133,14 @@ def _say_once(sentence: str) -> None:
 def _read_text(path: Path) -> str:
     """A file of bounded size; DataError if it cannot be read, or is known to be something else."""
     try:
-        if not stat.S_ISREG(path.stat().st_mode):
-            raise DataError(f"{path} is no file, but a folder or a device; give a file that describes a camera")
+        if known := known_file(path):
+            raise DataError(f"{path} {known}")
         with path.open("rb") as file:
             data = file.read(LARGEST_FILE + 1)
     except OSError as error:
         raise DataError(f"{path} cannot be read ({error.strerror}); give a file that describes a camera") from None
     except ValueError:  # a NUL in the name
         raise DataError(f"{str(path)!r} is no path; give a file that describes a camera") from None
-    if known := known_bytes(data[:4096]):
-        raise DataError(f"{path} {known}")
     if len(data) > LARGEST_FILE:
         raise DataError(f"{path} is larger than {LARGEST_FILE >> 20} MiB; that is no camera")
     text = data.decode("utf-8-sig", errors="replace")

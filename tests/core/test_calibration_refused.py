@@ -74,15 +74,15 @@ def refused(tmp_path):
 
 # -------------------------------------------------------------------------------------------------- named for what it is
 @pytest.mark.parametrize(("content", "name", "what", "way"), [
-    (b"#ROSBAG V2.0\n\x00\x01", "a.bag", "is a ROS bag", "echo its camera_info into a YAML file"),
+    (b"#ROSBAG V2.0\n\x00\x01", "a.bag", "is a ROS 1 bag", "echo its camera_info into a YAML file"),
     (b"\x89MCAP0\r\n\x01", "a.mcap", "is an MCAP log", "camera_info"),
-    (b"SQLite format 3\0" + bytes(90), "a.db3", "is a ROS 2 bag", "camera_info"),
+    (b"SQLite format 3\0" + bytes(90), "a.db3", "is an SQLite database \\(a ROS 2 bag, say\\)", "camera_info"),
     (b"MATLAB 5.0 MAT-file, Platform", "Omni_Calib_Results.mat", "is a MATLAB file", "export calib_results.txt"),
-    (b"PK\x03\x04aaaa", "calibration.npz", "NumPy's .npz", "write K and the coefficients as YAML"),
-    (b"\x80\x04\x95\x10", "calibration.pkl", "a Python pickle, which is never opened", "as YAML"),
-    (b"\x1f\x8b\x08\x00", "calibrationdata.tar.gz", "a compressed archive", "ost.yaml"),
-    (b"\x89PNG\r\n\x1a\n", "0.png", "is a picture", "describes its camera"),
-    (b"\x01\x02\x00\x03", "calibration.bin", "is a binary file", "give a camera.json"),
+    (b"PK\x03\x04aaaa", "calibration.npz", "a zip archive", "write K and the coefficients as YAML"),
+    (b"\x80\x04\x95\x10", "calibration.pkl", "a Python pickle, which is never read", "as YAML"),
+    (b"\x1f\x8b\x08\x00", "calibrationdata.tar.gz", "is compressed by gzip", "ost.yaml"),
+    (b"\x89PNG\r\n\x1a\n", "0.png", "is a PNG picture", "describes its camera"),
+    (b"\x01\x02\x00\x03", "calibration.bin", "is binary, no text", "give a camera.json"),
     ("<?xml version='1.0'?>\n<opencv_storage>\n</opencv_storage>", "c.xml", "is OpenCV's XML", "ends in .yml"),
     ("<?xml version='1.0'?>\n<sdf version='1.6'><world/></sdf>", "a.world", "is a Gazebo world", "camera_info"),
     ("<robot name='r'/>", "a.urdf", r"is a robot's description \(URDF\)", "camera_info"),
@@ -176,10 +176,9 @@ def test_a_bomb_of_aliases_takes_no_time(refused):
 
 def test_large_files_folders_pipes_and_names_that_are_none(refused, tmp_path):
     assert "is larger than 1 MiB" in refused("a: 1\n" * 300_000)
-    for bad in (tmp_path, tmp_path / "pipe"):
-        if bad != tmp_path:
-            os.mkfifo(bad)
-        with pytest.raises(DataError, match="is no file, but a folder or a device"):
+    os.mkfifo(tmp_path / "pipe")
+    for bad, what in ((tmp_path, "is a folder"), (tmp_path / "pipe", "is a pipe or a device, no file")):
+        with pytest.raises(DataError, match=f"{what}, and no calibration that is read; give a camera.json"):
             load_camera(bad)
     with pytest.raises(DataError, match="is no path"):
         load_camera("a\0b")

@@ -1,12 +1,13 @@
 """The OCam model and its file, against the toolbox's own equations and a calibrated lens."""
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from omnilab.cameras import OCamCamera
+from omnilab.cameras import OCamCamera, load_camera
 from omnilab.errors import DataError
 
 REAL = Path(__file__).resolve().parents[3] / "shared/data/ocam_fisheye_calib"
@@ -91,6 +92,12 @@ def test_a_bad_file_is_told_by_its_line(calibration, old, new, message):
         OCamCamera.from_file(calibration(FILE.replace(old, new)))
 
 
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "calib_results.txt")
+    with pytest.raises(DataError, match="is no file, but a folder or a device; give a calib_results"):
+        OCamCamera.from_file(tmp_path / "calib_results.txt")
+
+
 def test_a_missing_file_is_told(tmp_path):
     with pytest.raises(DataError, match=r"none\.txt cannot be read"):
         OCamCamera.from_file(tmp_path / "none.txt")
@@ -102,26 +109,15 @@ def lens():
     if not REAL.is_dir():
         pytest.skip(f"the published fisheye calibration is not at {REAL}")
     found = json.loads((REAL / "calibration_fisheye_1.json").read_text(encoding="utf-8"))
-    (c, d), (e, _) = found["stretch_matrix"]
-    cx, cy = found["distortion_center"]
-    camera = OCamCamera(
-        width=1032,
-        height=778,
-        cx=cx,
-        cy=cy,
-        polynomial=tuple(found["taylor_coefficient"]),
-        c=c,
-        d=d,
-        e=e,
-        looks="ahead",
-    )
+    camera = load_camera(REAL / "calibration_fisheye_1.json", looks="ahead", size=(1032, 778))
     return camera, found["inverse_poly"]
 
 
 def test_the_inverse_is_what_the_published_inverse_approximates(lens):
     camera, inverse = lens
     angle = np.linspace(0.02, 1.4, 50)
-    straight = OCamCamera(width=1032, height=778, cx=camera.cx, cy=camera.cy, polynomial=camera.polynomial)
+    polynomial = tuple(json.loads((REAL / "calibration_fisheye_1.json").read_text())["taylor_coefficient"])
+    straight = OCamCamera(width=1032, height=778, cx=camera.cx, cy=camera.cy, polynomial=polynomial)
     uv = straight.pixels(np.stack([0 * angle, np.sin(angle), -np.cos(angle)], -1))
     shown = np.isfinite(uv).all(-1)
     assert shown.sum() > 30

@@ -4,34 +4,29 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
+
+from omnilab.file_kinds import kind_of_file
 
 READ = (
     "a camera.json, OCamCalib's calib_results.txt, py-OCamCalib's JSON, YAML of Kalibr, OpenCV, Camodocal or KITTI-360,"
     " ROS's camera_info"
 )
 ECHO = "calibrate with it, or echo its camera_info into a YAML file"
-MAGIC = (  # what a file begins with, what it is, the way round
-    (b"#ROSBAG", "a ROS bag", ECHO),
-    (b"\x89MCAP", "an MCAP log", ECHO),
-    (b"SQLite format 3\0", "a ROS 2 bag (or another database)", ECHO),
-    (
-        b"MATLAB 5.0",
-        "a MATLAB file",
-        "export calib_results.txt from OCamCalib, or write K and the coefficients as YAML",
-    ),
-    (b"PK\x03\x04", "a ZIP archive or NumPy's .npz", "unpack it, or write K and the coefficients as YAML"),
-    (b"\x93NUMPY", "a NumPy array", "write K and the coefficients as YAML"),
-    (b"\x1f\x8b", "a compressed archive", "unpack it; ROS's calibrationdata.tar.gz holds ost.yaml"),
-    (b"\x89HDF", "an HDF5 file", "write K and the coefficients as YAML"),
-    (b"\x89PNG", "a picture", "give the file that describes its camera"),
-    (b"\xff\xd8\xff", "a picture", "give the file that describes its camera"),
-    (b"%PDF", "a PDF report", "give the YAML file beside it"),
-    (b"\x80\x02", "a Python pickle, which is never opened", "write K and the coefficients as YAML"),
-    (b"\x80\x03", "a Python pickle, which is never opened", "write K and the coefficients as YAML"),
-    (b"\x80\x04", "a Python pickle, which is never opened", "write K and the coefficients as YAML"),
-    (b"\x80\x05", "a Python pickle, which is never opened", "write K and the coefficients as YAML"),
-)
+AS_YAML = "write K and the coefficients as YAML"
+TEXT = ("JSON", "XML", "HTML")  # which are read, or known by what they hold
+REMEDIES = {  # by a word of what a file is (`omnilab.file_kinds`)
+    "ROS": ECHO,
+    "MCAP": ECHO,
+    "MATLAB file": f"export calib_results.txt from OCamCalib, or {AS_YAML}",
+    "gzip": "unpack it; ROS's calibrationdata.tar.gz holds ost.yaml",
+    "picture": "give the file that describes its camera",
+    "PDF": "give the YAML file beside the report",
+    "NumPy": AS_YAML,
+    "zip": f"unpack it, or {AS_YAML}",
+    "pickle": AS_YAML,
+}
 NUMBERS = "write its numbers into a camera.json"
 HALF = (
     f"{NUMBERS}: OPENCV is a BrownConradyCamera, OPENCV_FISHEYE a KannalaBrandtCamera, with 0.5 less in cx and cy, for"
@@ -42,7 +37,7 @@ TEXTS = (  # a regular expression that finds, in the first lines of a text, what
     (r"<(sdf|world|gazebo)\b", "a Gazebo world", "echo the camera_info that Gazebo publishes into a YAML file"),
     (r"<robot\b", "a robot's description (URDF)", "echo the camera_info that its camera publishes into a YAML file"),
     (r"<launch\b", "a ROS launch file", "give the camera_info that it names"),
-    (r"^\s*<", "an XML file", "write K and the coefficients as YAML"),
+    (r"^\s*<", "an XML file", AS_YAML),
     (r"^# Camera list with one line of data per camera", "COLMAP's cameras.txt", HALF),
     (r"^\d+ (SIMPLE_|FULL_)?(PINHOLE|OPENCV|RADIAL|FOV)\w* \d+ \d+ ", "COLMAP's cameras.txt", HALF),
     (
@@ -66,12 +61,13 @@ KEYS: tuple[tuple[Callable[[set[str]], bool], str, str], ...] = (  # of a mappin
 )
 
 
-def known_bytes(head: bytes) -> str | None:
-    """What a file is by its first bytes, and the way round; None if it may be a text."""
-    found = next(((what, remedy) for magic, what, remedy in MAGIC if head.startswith(magic)), None)
-    if found is None and b"\0" in head:
-        found = "a binary file", f"give {READ}"
-    return found and f"is {found[0]}, and no calibration that is read; {found[1]}"
+def known_file(path: Path) -> str | None:
+    """What a file is by its first bytes, and the way round; None if it may be a text that is read. OSError if none is there."""
+    kind = kind_of_file(path)
+    if kind is None or kind in TEXT:
+        return None
+    remedy = next((remedy for word, remedy in REMEDIES.items() if word in kind), f"give {READ}")
+    return f"is {kind}, and no calibration that is read; {remedy}"
 
 
 def known_text(text: str) -> str | None:
