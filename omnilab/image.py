@@ -36,12 +36,13 @@ def to_color(images: Bytes) -> Bytes:
 
 
 def mirror_view(images: Bytes, camera: Camera) -> Bytes:
-    """The square around the image circle, (N, S, S[, 3]); what lies beyond the frame is left out on both sides."""
+    """The square around the image circle, (N, S, S[, 3]); what lies beyond the frame is left out on both sides.
+
+    A calibrated panorama has no circle: its mirror view is what the sensor `mirror` would have taken in its place.
+    """
     ring = camera.circle
     if ring.radius == 0:
-        raise DataError(
-            f"a {type(camera).__name__} has no image circle; use a descriptor whose view is 'panorama' instead of 'mirror'"
-        )
+        return _through_mirror(images, camera)
     half = min(ring.radius, ring.cx + 0.5, camera.width - 0.5 - ring.cx, ring.cy + 0.5, camera.height - 0.5 - ring.cy)
     side = int(2 * half + 1e-6)
     if side < 8:
@@ -51,6 +52,20 @@ def mirror_view(images: Bytes, camera: Camera) -> Bytes:
         )
     left, top = round(ring.cx + 0.5 - side / 2), round(ring.cy + 0.5 - side / 2)
     return images[:, top : top + side, left : left + side]
+
+
+def _through_mirror(images: Bytes, camera: Camera) -> Bytes:
+    """Panoramas reprojected to a hyperbolic mirror: half of it, or all of it where they show more of what is above."""
+    from omnilab.cameras import HyperbolicMirror, RayCamera, reproject
+
+    if not isinstance(camera, RayCamera):
+        raise DataError(
+            f"a {type(camera).__name__} has no image circle; use a descriptor whose view is 'panorama' instead of 'mirror'"
+        )
+    mirror = HyperbolicMirror()
+    if sum(camera.elevations_rad) / 2 > mirror.highest_rad:
+        mirror = HyperbolicMirror(crop=1.0)
+    return reproject(images, camera, mirror, samples=4)
 
 
 def panorama(images: Bytes, camera: Camera, shape: tuple[int, int] = PANORAMA_SHAPE) -> Bytes:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omnilab.api import Camera
+from omnilab.api import Camera, Circle
 from omnilab.cameras import (
     EIZOH_WIDE_70,
     THESIS_HALF,
@@ -17,6 +17,7 @@ from omnilab.cameras import (
     EquirectangularCamera,
     FisheyeCamera,
     HyperbolicMirror,
+    ImageCircle,
     OCamCamera,
     ParabolicMirror,
     PinholeCamera,
@@ -294,9 +295,19 @@ def test_what_a_camera_ahead_does_not_see_is_black():
     assert (wide[:, 60:300] == 0).all()
 
 
-def test_a_panorama_has_no_mirror_view():
-    with pytest.raises(DataError, match="panorama"):
-        mirror_view(np.zeros((1, 180, 360), np.uint8), EquirectangularCamera(360, 180))
+def test_a_panorama_has_the_mirror_view_of_a_mirror_in_its_place():
+    camera = EquirectangularCamera(360, 180)
+    seen = mirror_view(np.full((1, 180, 360), 90, np.uint8), camera)
+    assert seen.shape == (1, 250, 250)
+    assert (seen == 90).all()
+
+
+def test_a_camera_without_circle_and_rays_has_no_mirror_view():
+    camera = ImageCircle(360, 180, Circle(180, 90, 0))
+    with pytest.raises(
+        DataError, match=r"a ImageCircle has no image circle; use a descriptor whose view is 'panorama'"
+    ):
+        mirror_view(np.zeros((1, 180, 360), np.uint8), camera)
 
 
 # ----------------------------------------------------------------------------------------------------------- bad values

@@ -26,7 +26,7 @@ from omnilab_recordings.images.decoding import DecodedImage, Decoder
 from omnilab_recordings.images.depth import read_depth
 from omnilab_recordings.images.files import existing, read_bytes
 from omnilab_recordings.optics import Optics, check_circle, circle_of, most_alike, off_ring, unseen_in
-from omnilab_recordings.panoramas import Panorama, panorama_camera, panorama_kind, proposal
+from omnilab_recordings.panoramas import Panorama, panorama_camera, panorama_kind, proposal, proposed
 from omnilab_recordings.poses.filename_poses import Naming, naming
 from omnilab_recordings.questions import questions
 from omnilab_recordings.recording import POSITIONS_FILE, Recording, open_recording
@@ -264,8 +264,8 @@ class Folder:
         try:
             return ImageCircle(width, height, circle_of(self.circle_px, sample), self.sky_inside)
         except DataError as error:
-            proposed = proposal(sample)
-            raise DataError(f"{error}; or, as {proposed}" if proposed else str(error)) from error
+            _, closed = proposed(sample)
+            raise DataError(f"{error}; or, as {proposal(sample)}" if closed else str(error)) from error
 
     def _check_no_circle(self, reason: str) -> None:
         if self.circle_px is not None or self.sky_inside:

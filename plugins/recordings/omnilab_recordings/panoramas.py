@@ -88,5 +88,8 @@ def _closes(sample: Sequence[DecodedImage]) -> bool:
     columns = np.stack([image.pixels for image in sample[:CLOSELY]]).astype(np.int16)
     ends = float(np.abs(columns[:, :, 0] - columns[:, :, -1]).mean())
     neighbours = float(np.abs(np.diff(columns, axis=2)).mean())
+    contrast = columns.std(axis=1).mean(axis=0)  # of each column
+    if min(contrast[0], contrast[-1]) < APART * float(np.median(contrast)):  # plain, as a dark frame is
+        return False
     opposite = float(np.abs(columns - np.roll(columns, columns.shape[2] // 2, axis=2)).mean())
     return ends < CLOSES * neighbours + 1 and ends < APART * opposite

@@ -11,6 +11,7 @@ DARK = 0.3  # a surround brighter than this share of the brightest pixels is par
 LIT = 0.15  # between surround and brightest pixels: above it, a pixel shows the world
 NEAR_PX = 1.5  # from the circle, for a point of the rim to be on it
 FILLED = 0.8  # least share of the disc that the lit region's hull covers
+LIKE = 0.6  # of the area of the largest lit region, from which on another beside it is a circle of its own
 TRIALS = 500
 
 
@@ -21,7 +22,7 @@ def find_circle(images: Bytes) -> Circle:
     circle goes through the corners of the lit region's convex hull: dark objects at the rim only cut chords off it.
     Those on the frame's edge do not count, the rest are fitted by RANSAC (Fischler and Bolles, 1981) and least squares.
     A dark disc around the centre becomes the inner radius. Without a dark surround it is the circle inscribed in the
-    frame. DataError if there is a dark surround and no circle.
+    frame. DataError if there is a dark surround and no circle, or two.
     """
     import cv2
 
@@ -33,6 +34,7 @@ def find_circle(images: Bytes) -> Circle:
     lit = brightest > surround + LIT * (bright - surround)
     hull = _hull(lit)
     cx, cy, radius = _fit_robust(_off_frame(hull, lit.shape))
+    _check_alone(lit, cx, cy, radius)
     v, u = np.indices(lit.shape)
     distance = np.hypot(u - cx, v - cy)
     if _overlap(hull, distance <= radius) < FILLED:
@@ -60,6 +62,20 @@ def _hull(lit: Bools) -> Ints:
     largest = 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
     points = cv2.findNonZero((labels == largest).astype(np.uint8)).reshape(-1, 2)
     return np.asarray(cv2.convexHull(points).reshape(-1, 2))
+
+
+def _check_alone(lit: Bools, cx: float, cy: float, radius: float) -> None:
+    """DataError if a second region as large lies beside the circle, as of two fisheyes back to back."""
+    import cv2
+
+    _, _, stats, centers = cv2.connectedComponentsWithStats(lit.astype(np.uint8))
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    beside = np.hypot(*(centers[1:] - [cx, cy]).T) > radius
+    if (beside & (areas > LIKE * areas.max())).any():
+        raise DataError(
+            "the pictures show two circles, as 360-degree cameras take them before they are stitched; give"
+            " sensor.circle_px=[cx,cy,radius] of one, or stitch them and give sensor.panorama=equirectangular"
+        )
 
 
 def _off_frame(points: Ints, shape: tuple[int, ...]) -> Floats:
