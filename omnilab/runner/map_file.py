@@ -8,7 +8,6 @@ from strangers: nothing in them is unpickled or imported, and nothing is read th
 from __future__ import annotations
 
 import json
-import zipfile
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from omnilab.api import Array, Places, Provenance, Signatures
+from omnilab.arrays import read_npz
 from omnilab.errors import DataError
 
 FILE = "map.npz"
@@ -59,7 +59,10 @@ def map_file(path: Path) -> Path:
 
 def about_map(path: Path) -> dict[str, Any]:
     """What a map file says about itself; DataError, with the reason, if it cannot be used."""
-    text = str(_arrays(path, ["about"])["about"])
+    said = _arrays(path, ["about"])["about"]
+    if said.nbytes > 4 * MOST_ABOUT or said.dtype.kind != "U":
+        raise _unusable(path, f"what it says about itself is no text, or longer than {MOST_ABOUT} characters")
+    text = str(said)
     try:
         about = json.loads(text)
     except ValueError as error:
@@ -118,36 +121,16 @@ def _provenance(path: Path, about: Mapping[str, Any]) -> Provenance | None:
 
 
 def _arrays(path: Path, wanted: list[str] | None = None) -> dict[str, Array]:
-    """Arrays of an archive, by name; all of them if none are named."""
+    """Arrays of a map, by name; all of them if none are named."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
-            missing = [name for name in wanted or [] if name not in members]
-            if missing:
-                raise _unusable(path, f"it has no {missing[0]}")
-            return {name: _array(path, archive, members[name]) for name in wanted or members}
-    except (zipfile.BadZipFile, EOFError, ValueError, NotImplementedError) as error:
-        raise _unusable(path, str(error) or type(error).__name__) from error
+        arrays = read_npz(path, wanted)
+    except ValueError as error:
+        raise _unusable(path, str(error)) from error
     except OSError as error:
         raise DataError(f"the map {path} cannot be read ({error.strerror}); mend that, or give another") from error
-
-
-def _array(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> Array:
-    """One array, after a look at the size that its header claims."""
-    name = member.filename.removesuffix(".npy")
-    if member.compress_type != zipfile.ZIP_STORED or member.file_size > path.stat().st_size:
-        raise _unusable(path, f"{name} is compressed, or larger than the file")
-    with archive.open(member) as file:
-        if np.lib.format.read_magic(file) != (1, 0):
-            raise _unusable(path, f"{name} is no array of NumPy's format 1.0")
-        shape, _, kind = np.lib.format.read_array_header_1_0(file)
-        size = int(np.prod(shape, dtype=object)) * kind.itemsize
-        if kind.hasobject or size != member.file_size - file.tell():
-            raise _unusable(path, f"{name} claims {size} bytes and has {member.file_size - file.tell()}")
-        if name == "about" and size > 4 * MOST_ABOUT:
-            raise _unusable(path, f"{name} is longer than {MOST_ABOUT} characters")
-    with archive.open(member) as file:
-        return np.asarray(np.lib.format.read_array(file, allow_pickle=False))
+    if missing := [name for name in wanted or [] if name not in arrays]:
+        raise _unusable(path, f"it has no {missing[0]}")
+    return arrays
 
 
 def _unusable(path: Path, reason: str) -> DataError:

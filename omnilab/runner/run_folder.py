@@ -187,9 +187,7 @@ class LoadedRun:
     @cached_property
     def config(self) -> dict[str, Any]:
         """The resolved configuration."""
-        import yaml
-
-        return self._read("config.yaml", yaml.safe_load, study=dict)
+        return self._read("config.yaml", _yaml, study=dict)
 
     @cached_property
     def metrics(self) -> dict[str, float]:
@@ -280,6 +278,15 @@ def _csv_rows(text: str) -> list[list[str]]:
     if any(len(row) != len(rows[0]) for row in rows):
         raise ValueError("a row has more or fewer values than the first line has names")
     return rows
+
+
+def _yaml(text: str) -> Any:
+    """The content of a YAML file; ValueError if it has aliases, which none of ours has and which fill any memory."""
+    import yaml
+
+    if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, Loader=yaml.SafeLoader)):
+        raise ValueError("it has an alias")
+    return yaml.safe_load(text)
 
 
 def _why(error: Exception) -> str:

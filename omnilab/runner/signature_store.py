@@ -6,7 +6,6 @@ import hashlib
 import os
 import re
 import secrets
-import zipfile
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -17,12 +16,13 @@ import numpy as np
 import numpy.typing as npt
 
 from omnilab.api import Array, Bytes, Signatures
+from omnilab.arrays import read_npz
 
 KEY_BYTES = 16  # of an image's digest
 ABOUT = "about.txt"  # names the descriptor; its digest is the name of the folder
 LONGEST_ABOUT = 2**20  # bytes
 OWN_NAME = re.compile(r"[0-9a-f]{32}\.npz|([0-9a-f]{32}|about)\.\d+-[0-9a-f]{8}\.part")
-DAMAGED = (ValueError, KeyError, EOFError, MemoryError, NotImplementedError, zipfile.BadZipFile)
+DAMAGED = (ValueError, MemoryError)
 Arrays = dict[str, Array]
 
 
@@ -146,8 +146,9 @@ class SignatureStore:
     def _read(self, file: Path, names: Sequence[str]) -> Arrays | None:
         """Some arrays of a file (zip's checksums tell whether they are whole); None if it is gone or damaged."""
         try:
-            with file.open("rb") as opened, np.load(opened, allow_pickle=False) as stored:
-                arrays = {name: stored[name] for name in names if name != "heading" or name in stored.files}
+            arrays = read_npz(file, names)
+            if lacking := [name for name in names if name != "heading" and name not in arrays]:
+                raise ValueError(f"{lacking[0]} is missing")
             _check(arrays)
         except FileNotFoundError:  # thrown away, by another process
             return None

@@ -25,6 +25,7 @@ MAY_IMPORT = {
     "file_kinds": set[str](),
     "renamed": set[str](),
     "api": {"errors", "renamed"},
+    "arrays": {"api"},
     "geometry": {"api"},
     "hooks": {"api"},
     "metrics": {"api", "errors", "geometry"},
@@ -33,7 +34,7 @@ MAY_IMPORT = {
     "cameras": {"api", "errors", "file_kinds", "geometry"},
     "image": {"api", "errors", "cameras"},
     "": {"api", "hooks", "renamed"},
-    "runner": {"", "api", "renamed", "errors", "geometry", "hooks", "image", "metrics"},
+    "runner": {"", "api", "arrays", "renamed", "errors", "geometry", "hooks", "image", "metrics"},
     "testing": {"", "api", "renamed", "cameras", "errors", "geometry", "image", "posegraph", "runner"},
     "__main__": {"runner"},
 }

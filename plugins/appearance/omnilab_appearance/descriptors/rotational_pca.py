@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from omnilab.api import Bytes, Floats, Ints, Signatures, check_settings, setting
+from omnilab.arrays import read_npz
 from omnilab.errors import ConfigError, DataError
 from omnilab_appearance.common.circular_correlation import Spectra
 from omnilab_appearance.common.image_ops import channels_of, with_rows
@@ -158,6 +159,11 @@ class Eigenspace:
         shapes = {"mean": (size,), "frequencies": (count,), "singular": (count,)}
         if count == 0 or any(found[name].shape != shape for name, shape in shapes.items()):
             raise DataError(f"{origin} holds arrays that do not fit together; write it anew with Eigenspace.save")
+        kinds = {"mean": "c", "vectors": "c", "frequencies": "iu", "singular": "f"}
+        if not all(found[name].dtype.kind in kinds[name] and np.isfinite(found[name]).all() for name in TRAINED):
+            raise DataError(f"{origin} holds NaN, infinity or other types; write it anew with Eigenspace.save")
+        if not ((found["frequencies"] >= 0) & (found["frequencies"] <= settings.rotations // 2)).all():
+            raise DataError(f"{origin} holds frequencies that no rotations have; write it anew with Eigenspace.save")
         return cls(settings, **found)
 
     def save(self, path: Path) -> None:
@@ -170,8 +176,8 @@ class Eigenspace:
         try:
             if path.stat().st_size > LARGEST_FILE:
                 raise DataError(f"{path} is larger than {LARGEST_FILE >> 30} GiB; that is no eigenspace of ours")
-            with np.load(path, allow_pickle=False) as saved:
-                state = dict(saved)
-        except (OSError, ValueError, EOFError) as error:
-            raise DataError(f"{path} holds no eigenspace ({error}); write one with Eigenspace.save") from None
+            state = read_npz(path)
+        except (OSError, ValueError) as error:
+            reason = error.strerror if isinstance(error, OSError) else error
+            raise DataError(f"{path} holds no eigenspace ({reason}); write one with Eigenspace.save") from None
         return cls.of(state, settings, str(path))

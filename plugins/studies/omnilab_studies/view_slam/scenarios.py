@@ -70,10 +70,17 @@ def _content(file: Path) -> dict[str, Any]:
 
     if file.stat().st_size > MAX_BYTES:
         raise DataError(f"{file} has {file.stat().st_size} bytes; a scenario may have {MAX_BYTES}, shorten it")
+    data = file.read_bytes()
     try:
-        content = yaml.safe_load(file.read_bytes())
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise DataError(f"{file} is no YAML ({' '.join(str(error).split())[:200]}); mend it") from error
+        for event in yaml.parse(data, Loader=yaml.SafeLoader):
+            if isinstance(event, yaml.AliasEvent):  # nine of nine of nine ... of them fill any memory
+                line = event.start_mark.line + 1 if event.start_mark else "?"
+                raise DataError(f"{file}, line {line}: '*{event.anchor}' is an alias; write the value out")
+        content = yaml.safe_load(data)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"line {mark.line + 1} cannot be read" if mark else "it cannot be read"
+        raise DataError(f"{file} is no YAML ({where}); mend it") from error
     return _mapping(file, "the scenario", content, KEYS)
 
 

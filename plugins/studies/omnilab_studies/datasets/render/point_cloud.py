@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from omnilab.api import Bytes, Floats, Ints
+from omnilab.arrays import read_npy
 from omnilab.cameras import RayCamera
 from omnilab.errors import DataError
 from omnilab.image import point_cloud
@@ -56,7 +57,8 @@ def _points_of_frame(
 
 def _depth(data: DataSet, n: int) -> Floats:
     try:
-        return np.asarray(np.load(data.depth(n), allow_pickle=False), np.float32)
+        with data.depth(n).open("rb") as file:
+            return np.asarray(read_npy(file, data.depth(n).stat().st_size), np.float32)
     except (OSError, ValueError) as error:
         raise DataError(
             f"{data.depth(n)} cannot be read ({error}); delete {data.image(n)} and run this again"
