@@ -70,7 +70,7 @@ class AxialCamera(CentralCamera):
         """Of the largest circle that the frame shows whole."""
         azimuth = np.linspace(0, 2 * np.pi, 360, endpoint=False)
         ring = np.arcsin(self.directions(polar_pixels(self.circle, azimuth, np.full(360, self._whole_px)))[:, 2])
-        lowest, highest = float(np.nanmin(ring)), float(np.nanmax(ring))
+        lowest, highest = float(np.fmin.reduce(ring)), float(np.fmax.reduce(ring))  # NaN where nothing is seen
         return {"down": (-np.pi / 2, lowest), "up": (highest, np.pi / 2), "ahead": (lowest, highest)}[self.looks]
 
     @property

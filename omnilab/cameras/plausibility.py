@@ -55,6 +55,7 @@ def check_sees(camera: CalibratedCamera) -> None:
             apart = np.linalg.norm(directions[seen, None] - directions[seen], axis=-1) + 2 * np.eye(seen.sum())
             sees = (apart.min(-1, initial=2.0) > NARROWEST).sum() >= max(FEWEST, 0.5 * seen.sum())
             sees &= not 0 < camera.circle.radius < SMALLEST_PX
+            sees = bool(sees) and bool(np.isfinite(getattr(camera, "elevations_rad", 0.0)).all())
     except ArithmeticError:  # numbers of Python, not of NumPy
         sees = False
     if not sees:

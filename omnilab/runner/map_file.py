@@ -59,10 +59,10 @@ def map_file(path: Path) -> Path:
 
 def about_map(path: Path) -> dict[str, Any]:
     """What a map file says about itself; DataError, with the reason, if it cannot be used."""
-    said = _arrays(path, ["about"])["about"]
-    if said.nbytes > 4 * MOST_ABOUT or said.dtype.kind != "U":
+    content = _arrays(path, ["about"])["about"]
+    if content.nbytes > 4 * MOST_ABOUT or content.dtype.kind != "U":
         raise _unusable(path, f"what it says about itself is no text, or longer than {MOST_ABOUT} characters")
-    text = str(said)
+    text = str(content)
     try:
         about = json.loads(text)
     except ValueError as error:

@@ -24,6 +24,7 @@ from omnilab.trajectory.lookalikes import NUMBER, image_column, misnamed
 
 LARGEST_FILE = 256 * 2**20  # bytes
 MOST_POSES = 2_000_000
+ROUNDING = 1e-7  # of the same, as numbers of full length leave it
 TOLERANCE = 1e-3  # of R times its transpose to the unit matrix: what four written digits leave
 FORMATS = "a CSV with a header, or TUM's or KITTI's format"
 TUM_ROW = ("t", "tx", "ty", "tz", *QUATERNION)
@@ -102,8 +103,11 @@ class PoseTable:
             length = np.linalg.norm(values, axis=1)
             self._check(columns, values, length == 0 if lenient else np.abs(length - 1) > 0.01, "no unit quaternion")
         R = ROTATIONS[columns](values)
-        wrong = (np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)) > TOLERANCE).any((1, 2)) | (np.linalg.det(R) < 0)
-        self._check(columns, values, wrong, "no rotation matrix")
+        off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max((1, 2))
+        self._check(columns, values, (off > TOLERANCE) | (np.linalg.det(R) < 0), "no rotation matrix")
+        if (rounded := off > ROUNDING).any():
+            U, _, Vt = np.linalg.svd(R[rounded])
+            R[rounded] = U @ Vt  # the nearest rotations
         return R
 
     def _check(self, columns: Sequence[str], values: Floats, wrong: Bools, what: str) -> None:

@@ -23,6 +23,8 @@ def read_depth(folder: Path, image: str, shape: tuple[int, ...]) -> Floats:
         depth = read_npy(io.BytesIO(data), len(data))
         if (depth.dtype, depth.shape) != (np.dtype("<f4"), shape):
             raise ValueError(f"it holds {depth.dtype} {depth.shape}")
+        if (depth < 0).any():
+            raise ValueError("it holds depths below 0")
     except ValueError as error:
         raise DataError(f"{name} is no depth of {image}, float32 {shape} ({error}); render it again") from error
     return depth
