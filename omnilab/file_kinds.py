@@ -42,6 +42,7 @@ ZIPPED = {  # a zip archive, by the name of something in it
     b".npy": "a NumPy archive (.npz)",
     b".pkl": "a PyTorch model",
 }
+POSE_GRAPH = "a pose graph (g2o or TORO)"
 GRAPH = re.compile(rb"\s*(?:#[^\n]*\n\s*)*(VERTEX|EDGE)")
 
 
@@ -74,8 +75,8 @@ def _kind_of(head: bytes) -> str | None:
     if head[:1] == b"\x80" and head[1:2] in b"\x02\x03\x04\x05":
         return "a Python pickle, which is never read"
     if GRAPH.match(text):
-        return "a pose graph (g2o or TORO)"
-    return "binary, no text" if b"\x00" in head else None
+        return POSE_GRAPH
+    return "a binary file" if b"\x00" in head else None
 
 
 def how_to_export(file: Path, kind: str) -> str:

@@ -15,6 +15,7 @@ import numpy as np
 
 from omnilab.api import Floats, PoseGraph
 from omnilab.errors import DataError
+from omnilab.file_kinds import POSE_GRAPH, kind_of_file
 from omnilab.posegraph.graph import check_graph, dead_reckoning
 from omnilab.posegraph.plausibility import check_convention
 from omnilab.posegraph.tags import ORDERS, SKIPPED, TAGS, Tag, refusal
@@ -75,6 +76,8 @@ def read_graph(path: Path, notes: list[str] | None = None) -> PoseGraph:
 def _lines(path: Path) -> Iterator[tuple[int, str, list[str]]]:
     """Line number, first word, and the other words."""
     try:
+        if (kind := kind_of_file(path)) not in {None, POSE_GRAPH}:
+            raise DataError(f"{path} is {kind}, no pose graph; give a g2o or TORO file")
         if path.stat().st_size > MOST_BYTES:
             raise DataError(f"{path} is larger than {MOST_BYTES >> 20} MiB; give a smaller graph")
         with path.open(encoding="utf-8-sig") as file:

@@ -14,7 +14,7 @@ import numpy as np
 
 from omnilab.api import Floats, Ints
 from omnilab.geometry import heading_of, quaternion_xyzw, rotation_of_quaternion
-from omnilab.trajectory.columns import QUATERNION
+from omnilab.trajectory.columns import MATRIX, QUATERNION
 from omnilab.trajectory.files import Trajectory
 
 log = logging.getLogger("omnilab")
@@ -25,12 +25,13 @@ ALIKE = 0.7  # mean resultant length above which directions are too much alike t
 STRETCHES = 64  # of a path, whose directions are compared with the headings
 UPRIGHT, TIPPED = 0.98, 0.5  # cosines of the tilt of a robot on a floor, and of one that has tipped over
 FASTEST_M_S = 100.0  # no robot that takes pictures is faster
-SLIP_M, SLIP_EXTENTS = 10.0, 3.0  # how far a single pose must lie from all others, also in their extent
+SLIP_M, SLIP_EXTENTS = 5.0, 3.0  # how far slips lie from all other positions, also in extents of these
+SLIPS, MOST_SLIPS = 0.15, 20  # largest share of slips, and number
 FAR_APART_M, FAR_APART_WHOLE_M = 50.0, 20.0  # places of pictures, also where all are whole numbers
 GEOREFERENCED_M = 50_000.0  # coordinates of a country's map are beyond
 GLOBE_M, GLOBE_STEP_M = 0.5, 2e-4  # within 0.5 degrees, every 20 m: no robot moves by so little
 GLOBE_LEAST_M = 0.02  # what two kilometres are in degrees, whatever the steps are
-SHORTEST_NS = 1000  # between two images or poses
+SHORTEST_NS = 500_000  # between two images, or poses of wheels
 AGAINST = "headings turn against the path"
 SWAPPED = "x and y are swapped, or one of them is of the other sign: mend these columns"
 TENTH_S = 100_000_000  # between images whose times nobody knows
@@ -49,7 +50,7 @@ def about_positions(path: Trajectory) -> Iterator[str]:
         about_globe(position) or about_size(position, stamps),
         about_slips(position),
         about_times(stamps),
-        about_quaternions(path.T_world_camera, path.turn),
+        about_quaternions(path.T_world_camera, path.turn) or about_camera_axes(path),
     ]
     yield from (question for question in found if question)
 
@@ -114,29 +115,34 @@ def _nearest(position: Floats) -> Floats:
 
 
 def about_slips(position: Floats) -> str | None:
-    """The one position (N, 3) that is far from all others, which are near one another: a digit too many."""
+    """Single positions of (N, 3) that a path jumps to and back from, far from all others: a digit too many."""
     if len(position) < LEAST:
         return None
-    row = int(np.argmax(np.linalg.norm(position - np.median(position, axis=0), axis=1)))
-    others = np.delete(position, row, axis=0)
-    nearest = float(np.linalg.norm(others - position[row], axis=1).min())
-    if nearest <= max(SLIP_M, SLIP_EXTENTS * float(np.linalg.norm(np.ptp(others, axis=0)))):
-        return None
-    where = ", ".join(f"{value:.6g}" for value in position[row])
-    return (
-        f"pose {row + 1} of {len(position)} lies at {where}, {nearest:.4g} m from all others; mend it if that is a slip"
-    )
+    away = np.linalg.norm(position - np.median(position, axis=0), axis=1)
+    for count in range(1, min(MOST_SLIPS, max(1, int(SLIPS * len(position)))) + 1):
+        rows = np.sort(np.argpartition(away, -count)[-count:])
+        others = np.delete(position, rows, axis=0)
+        far = max(SLIP_M, SLIP_EXTENTS * float(np.linalg.norm(np.ptp(others, axis=0))))
+        nearest = [float(np.linalg.norm(others - position[row], axis=1).min()) for row in rows]
+        if min(nearest) > far and (np.diff(rows) > 1).all():
+            where = ", ".join(f"{value:.6g}" for value in position[rows[0]])
+            which = (
+                f"pose {rows[0] + 1} of {len(position)} lies" if count == 1 else f"{count} of {len(position)} poses lie"
+            )
+            first = "" if count == 1 else f" (number {rows[0] + 1}, say)"
+            return f"{which} at {where}{first}, {nearest[0]:.4g} m from all others; mend it if that is a slip"
+    return None
 
 
 def about_times(stamps_ns: Ints | None) -> str | None:
     """Times (N,) in a unit that makes them follow one another faster than any camera can."""
     if stamps_ns is None or len(stamps_ns) < LEAST:
         return None
-    apart = float(np.median(np.abs(np.diff(stamps_ns))))
-    if not 0 < apart < SHORTEST_NS:
+    apart = float(np.ptp(stamps_ns)) / (len(stamps_ns) - 1)
+    if not 0 < apart <= SHORTEST_NS:
         return None
     return (
-        f"its times are {apart:.4g} nanoseconds apart; if they are in seconds, milliseconds or microseconds, name their column"
+        f"times are {apart:.4g} nanoseconds apart; if they are in seconds, milliseconds or microseconds, name their column"
         " stamp_s, stamp_ms or stamp_us"
     )
 
@@ -154,6 +160,27 @@ def about_quaternions(T: Floats, turn: tuple[str, ...]) -> str | None:
         "the poses tip over as they turn, but stay upright if the real part of the quaternions is the first of their four"
         " numbers; if so, write it last (or name the columns of a CSV qw, qx, qy, qz)"
     )
+
+
+def about_camera_axes(path: Trajectory) -> str | None:
+    """Poses in the axes of a camera (x right, y down, z ahead), such as KITTI's, where z is up."""
+    T = path.T_world_camera
+    if len(T) < LEAST or T[:, 1, 1].min() < 0.9 or _resultant(np.arctan2(T[:, 0, 2], T[:, 2, 2])) > 0.9:
+        return None
+    extent = np.ptp(T[:, :3, 3], axis=0)
+    if extent[2] < 3 * extent[1]:
+        return None
+    command = CAMERA_AXES.get((path.turn, path.stamps_ns is None), "")
+    return (
+        "the poses turn about y and move along z, which is up; if their axes are those of a camera, z ahead and y down (KITTI's"
+        f" are), make x, y, z of positions and rotations z, -x, -y{command}"
+    )
+
+
+CAMERA_AXES = {  # by what gives the rotation, and whether there are no times: a command for the file's format
+    (MATRIX, True): ": awk '{print $11,-$9,-$10,$12,-$3,$1,$2,-$4,-$7,$5,$6,-$8}' OLD > NEW",
+    (QUATERNION, False): ": awk '{print $1,$4,-$2,-$3,$7,-$5,-$6,$8}' OLD > NEW",
+}
 
 
 def as_radians(T: Floats, turn: tuple[str, ...]) -> Floats | None:

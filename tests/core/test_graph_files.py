@@ -144,8 +144,14 @@ def test_files_of_the_wrong_kind_are_one_sentence(tmp_path, monkeypatch):
     with pytest.raises(DataError, match="cannot be read"):
         read_graph(tmp_path / "nowhere.g2o")
     (tmp_path / "binary.g2o").write_bytes(bytes(range(256)))
-    with pytest.raises(DataError, match="is no text"):
+    with pytest.raises(DataError, match="is a binary file, no pose graph; give a g2o or TORO file"):
         read_graph(tmp_path / "binary.g2o")
+    (tmp_path / "log.mcap").write_bytes(b"\x89MCAP0\r\n" + bytes(9))
+    with pytest.raises(DataError, match="is an MCAP log, no pose graph; give a g2o or TORO file"):
+        read_graph(tmp_path / "log.mcap")
+    (tmp_path / "latin.g2o").write_bytes(b"# caf\xe9\n" + EDGES.encode())
+    with pytest.raises(DataError, match="is no text"):
+        read_graph(tmp_path / "latin.g2o")
     monkeypatch.setattr(files, "MOST_BYTES", 10)
     with pytest.raises(DataError, match="larger than"):
-        read_graph(tmp_path / "binary.g2o")
+        read_graph(tmp_path / "latin.g2o")

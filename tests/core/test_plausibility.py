@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 from functools import partial
 
 import numpy as np
@@ -11,14 +13,14 @@ from hypothesis import strategies as st
 
 from omnilab.geometry import heading_of, planar_poses, poses, quaternion_xyzw, rotation_of_quaternion, rotation_xyz
 from omnilab.trajectory.columns import MATRIX, QUATERNION
-from omnilab.trajectory.files import Trajectory
+from omnilab.trajectory.files import Trajectory, kitti_text, read_trajectory, tum_text
 from omnilab.trajectory.plausibility import about_axes, about_headings, about_positions, warn
 
 START = 1_700_000_000 * 10**9
 all_headings = partial(about_headings, clockwise="give sensor.headings=clockwise")
 
 
-def asked(path):
+def open_questions(path):
     return [*about_positions(path), *all_headings(path)]
 
 
@@ -53,7 +55,7 @@ def moved(path, change):
     st.sampled_from([("yaw_deg",), ("yaw_rad",), ("heading_deg",), QUATERNION, MATRIX]), st.booleans(),
 )  # fmt: skip
 def test_a_robot_that_drives_raises_no_question(seed, count, step_m, wiggle, offset, turn, stamped):
-    assert asked(walk(seed, count, step_m, wiggle, offset, turn, stamped)) == []
+    assert open_questions(walk(seed, count, step_m, wiggle, offset, turn, stamped)) == []
 
 
 @settings(deadline=None)
@@ -69,7 +71,7 @@ def test_grids_and_random_poses_raise_no_question(seed, count, spacing_m, spread
     ):
         headings = np.deg2rad(rng.uniform(-spread_deg, spread_deg, count) / 2)
         path = Trajectory(planar_poses(position, headings), START + 10**8 * np.arange(count), ("yaw_deg",))
-        assert asked(path) == []
+        assert open_questions(path) == []
 
 
 @settings(deadline=None)
@@ -77,7 +79,7 @@ def test_grids_and_random_poses_raise_no_question(seed, count, spacing_m, spread
 def test_cameras_in_any_attitude_raise_no_question(seed, count, turn):
     rng = np.random.default_rng(seed)
     R = rotation_of_quaternion(rng.normal(size=(count, 4)))
-    assert asked(Trajectory(poses(rng.uniform(-9, 9, (count, 3)), R), None, turn)) == []
+    assert open_questions(Trajectory(poses(rng.uniform(-9, 9, (count, 3)), R), None, turn)) == []
     ahead = rotation_xyz(-np.pi / 2, 0, 0)  # z ahead, as in optical frames
     path = walk(seed, count)
     optical = path.T_world_camera.copy()
@@ -90,10 +92,11 @@ def test_cameras_in_any_attitude_raise_no_question(seed, count, turn):
     lambda p: p * [1, 0, 1],  # to and fro
     lambda p: np.where(np.arange(len(p))[:, None] > 30, p + 9, p),  # carried elsewhere
     lambda p: p.round(1),
+    lambda p: np.where(np.arange(len(p))[:, None] >= 55, p + 500, p),  # another site
     lambda p: p * 0.01 + [8.53, 52.02, 0],  # a slider, millimetre by millimetre
 ])  # fmt: skip
 def test_other_paths_that_are_sound(change):
-    assert asked(moved(walk(3), change)) == []
+    assert open_questions(moved(walk(3), change)) == []
 
 
 # -------------------------------------------------------------------------------------------------------------- asked
@@ -144,11 +147,31 @@ def test_quaternions_with_the_real_part_first(seed, offset):
     (moved(walk(1, 400), lambda p: np.arange(len(p))[:, None] * [1.5e-4, 1e-4, 0] + np.array([8.53, 52.02, 0])), "degrees of longitude and latitude"),
     (moved(walk(1), lambda p: [-33.86, 151.2, 0] + p * 1e-5), "degrees of longitude and latitude"),
     (moved(walk(1), lambda p: np.where(np.arange(len(p))[:, None] == 7, p * 100 + 99, p)), "pose 8 of 60 lies at"),
-    (Trajectory(walk(1).T_world_camera, np.arange(60), ()), "its times are 1 nanoseconds apart; if they are in seconds"),
+    (moved(walk(1), lambda p: np.where(np.isin(np.arange(len(p)), [7, 20])[:, None], [-1234, 5, 0], p)), "2 of 60 poses lie at -1234, 5, 0 (number 8, say), "),
+    (Trajectory(walk(1).T_world_camera, np.arange(60) // 2, ()), "times are 0.4915 nanoseconds apart"),
+    (Trajectory(walk(1).T_world_camera, 10**5 * np.arange(60) + START // 1000, ()), "stamp_ms or stamp_us"),
+    (Trajectory(walk(1).T_world_camera, np.arange(60), ()), "times are 1 nanoseconds apart; if they are in seconds"),
 ])  # fmt: skip
 def test_positions_and_times_in_other_units(path, sentence):
     (question,) = about_positions(path)
     assert sentence in question
+
+
+@pytest.mark.skipif(shutil.which("awk") is None, reason="the command is one of awk")
+@pytest.mark.parametrize("name", ["a.kitti", "a.tum"])
+def test_axes_of_a_camera_are_turned_by_the_command_that_is_proposed(tmp_path, name):
+    path, C = walk(2, wiggle=0.8), np.eye(4)
+    C[:3, :3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]
+    T = np.linalg.inv(C) @ path.T_world_camera @ C
+    text = kitti_text(T) if name == "a.kitti" else tum_text(T, path.stamps_ns)
+    (tmp_path / name).write_text(text)
+    found = read_trajectory(tmp_path / name)
+    (question,) = about_positions(found)
+    command = question.partition(": ")[2].replace("OLD", name).replace("NEW", f"new-{name}")
+    subprocess.run(command, shell=True, cwd=tmp_path, check=True)
+    mended = read_trajectory(tmp_path / f"new-{name}")
+    assert np.allclose(mended.T_world_camera, path.T_world_camera, atol=1e-4)
+    assert open_questions(mended) == []
 
 
 def test_a_run_is_told(caplog):

@@ -195,7 +195,7 @@ def _files(tmp_path):
 @pytest.mark.parametrize(("name", "words"), [
     ("p.npz", "a NumPy archive"), ("p.npy", "a NumPy array"), ("p.json", "JSON"), ("p.mcap", "an MCAP log"),
     ("p.bag", "a ROS 1 bag"), ("p.parquet", "a Parquet table"), ("p.pkl", "a Python pickle, which is never read"),
-    ("p.g2o", "a pose graph"), ("p.xml", "XML"), ("p.bin", "binary, no text"), ("p.xlsx", "Excel"), ("p.db3", "an SQLite"),
+    ("p.g2o", "a pose graph"), ("p.xml", "XML"), ("p.bin", "a binary file"), ("p.xlsx", "Excel"), ("p.db3", "an SQLite"),
     ("bag", "the folder of a ROS 2 bag"), (".", "a folder"),
 ])  # fmt: skip
 def test_files_are_named_for_what_they_are(tmp_path, name, words):

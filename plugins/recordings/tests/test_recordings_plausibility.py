@@ -158,6 +158,19 @@ def test_check_says_the_same_as_the_run(write, tmp_path, run_check):
     assert re.search(r"ok +headings +16 pairs of neighbours turn as their pictures do \(1\.00", run_check())
 
 
+@pytest.mark.parametrize(("offset_deg", "line"), [
+    (0, r"ok +travel +the path leads where the headings point"), (90, r"\? +travel +the path leads 90 degrees to the right of the headings: right if"),
+    (-90, r"travel +the path leads 90 degrees to the left"),
+])  # fmt: skip
+def test_check_says_where_a_robot_drives(write_recording, run_check, offset_deg, line):
+    angle = 2 * np.pi * np.arange(COUNT) / COUNT
+    rows = [
+        f"img-{i}.png,{np.sin(a):.4f},{-np.cos(a):.4f},{np.rad2deg(a) + offset_deg:.4f}" for i, a in enumerate(angle)
+    ]
+    write_recording([picture(a + np.deg2rad(offset_deg)) for a in angle], rows, "image,x_m,y_m,yaw_deg")
+    assert re.search(line, run_check())
+
+
 @given(st.floats(-np.pi, np.pi))
 def test_a_turn_is_seen(turn):
     azimuth = 2 * np.pi * np.arange(512) / 512

@@ -21,6 +21,7 @@ from omnilab_recordings.checks.dataset_check import Finding
 from omnilab_recordings.checks.handedness import Handedness, Horizon, drift_between, handedness, moves_rad, neighbours
 from omnilab_recordings.checks.handedness import horizon as horizon_of
 from omnilab_recordings.checks.pictures import as_panorama, of_reading
+from omnilab_recordings.checks.pose_check import of_meaning
 from omnilab_recordings.checks.report_picture import write_report_picture
 from omnilab_recordings.folder import SAMPLE, Folder, OnBadImage
 from omnilab_recordings.images.circle import inscribed
@@ -57,7 +58,7 @@ def _check(options: argparse.Namespace, output: Path) -> int:
         *dataset_check.of_exposure(files),
     ]
     findings += [problem] if problem else dataset_check.of_poses(sensor.recording)
-    findings += dataset_check.of_readings(replace(sensor, mirrored=bool(found.is_mirrored)))
+    findings += of_meaning(replace(sensor, mirrored=bool(found.is_mirrored)))
     if sensor.recording.positions is not None:
         findings.append(dataset_check.of_handedness(found))
     _print(findings, str(options.folder))

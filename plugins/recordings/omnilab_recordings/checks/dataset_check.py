@@ -15,15 +15,12 @@ import numpy as np
 from omnilab.api import Bools, Bytes, Camera
 from omnilab.cameras import ImageCircle, RayCamera
 from omnilab.errors import DataError
-from omnilab.trajectory.plausibility import as_radians, radians_remedy
 from omnilab_recordings.checks.handedness import Handedness, Horizon
-from omnilab_recordings.checks.turns import APART as NO_AGREEMENT
 from omnilab_recordings.folder import Folder
 from omnilab_recordings.images.decoding import DecodedImage, Decoder, reduce_by, reduction
 from omnilab_recordings.images.files import read_bytes
 from omnilab_recordings.optics import circle_of
 from omnilab_recordings.poses.positions import Positions
-from omnilab_recordings.questions import questions, seen_turns, trajectory_of
 from omnilab_recordings.recording import Recording
 from omnilab_recordings.remarks import of_file
 
@@ -226,27 +223,6 @@ def of_poses(recording: Recording) -> Iterator[Finding]:
         yield Finding("grid", "?", "the positions form none")
     if twice := _same_poses(positions):
         yield Finding("same pose", "look", f"{len(twice)} pairs of images: {first(twice)}")
-
-
-def of_readings(sensor: Folder) -> Iterator[Finding]:
-    """What the poses may have been meant to be instead, and whether the pictures turn as the headings do."""
-    open_questions = questions(sensor)
-    yield from (Finding("poses", "look", question) for question in open_questions)
-    turns = seen_turns(sensor)
-    if turns.agree:
-        yield Finding(
-            "headings",
-            "ok",
-            f"{turns.pairs} pairs of neighbours turn as their pictures do ({turns.as_read:.2f}; 1 is full agreement)",
-        )
-    elif (
-        not open_questions
-        and sensor.recording.positions is not None
-        and (turns.pairs == 0 or turns.radians > NO_AGREEMENT)
-    ):
-        path = trajectory_of(sensor.recording.positions)
-        if as_radians(path.T_world_camera, path.turn) is not None:
-            yield Finding("headings", "?", f"cannot tell: {radians_remedy(path.turn)}")
 
 
 def _same_poses(positions: Positions) -> list[str]:

@@ -32,6 +32,11 @@ class Turns:
         return self.pairs >= LEAST_PAIRS and self.as_read >= AGREE and self.clockwise <= APART
 
     @property
+    def radians_left(self) -> bool:
+        """Whether the pictures leave it open that a column of degrees holds radians."""
+        return self.pairs == 0 or self.radians > APART
+
+    @property
     def better(self) -> str | None:
         """The other reading, "clockwise" or "radians", if the pictures speak for it and against the given one."""
         name, best = max(("clockwise", self.clockwise), ("radians", self.radians), key=lambda one: one[1])
