@@ -62,6 +62,7 @@ from omnilab.api.kinds import (
     TrainedDescriptor,
     ViewFilter,
     ViewMap,
+    Watch,
     is_cached,
 )
 from omnilab.api.poses import GridPoses, NamedPath, PathPoses, Plan, PoseRequest, RandomPoses, RecordedPoses
@@ -160,6 +161,7 @@ __all__ = [
     "ViewFilter",
     "ViewLayout",
     "ViewMap",
+    "Watch",
     "check_settings",
     "is_cached",
     "setting",

@@ -39,6 +39,7 @@ def check_backend(backend: Any) -> None:
         again = backend.optimize(graph)
         expect(np.array_equal(again.poses, found.poses), "the same graph gives other poses the second time")
         if isinstance(backend, api.IncrementalBackend):
+            _check_watch(backend, graph, found.poses)
             _check_incremental(backend.begin(graph.poses[0]), graph, truth)
     apart = replace(graph, edges=graph.edges[2:], motions=graph.motions[2:], information=graph.information[2:])
     apart = replace(apart, edges=np.where(apart.edges == 1, 2, apart.edges))
@@ -47,6 +48,14 @@ def check_backend(backend: Any) -> None:
     except DataError:
         return
     raise AssertionError("a graph in two parts is optimised without a word")
+
+
+def _check_watch(backend: Any, graph: api.PoseGraph, poses: Floats) -> None:
+    """Whoever watches is called after each pose, with the map so far, and changes nothing."""
+    seen: list[tuple[int, int]] = []
+    watched = backend.optimize(graph, watch=lambda node, so_far, _: seen.append((node, len(so_far.poses()))))
+    expect(seen == [(i, i + 1) for i in range(1, len(graph))], f"who watches sees (row, poses) {seen}")
+    expect(np.array_equal(watched.poses, poses), "the same graph gives other poses when it is watched")
 
 
 def _check_incremental(incremental: Any, graph: api.PoseGraph, truth: Floats) -> None:

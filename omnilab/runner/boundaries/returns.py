@@ -239,6 +239,11 @@ def optimized(found: Any, graph: api.PoseGraph, *_: Any, **__: Any) -> None:
     if found.covariances is not None:
         covariances(found.covariances, "`covariances`", count, graph.information.shape[-1])
     sentences(found.warnings, "`warnings`")
+    sentences(found.notes, "`notes`")
+    if found.trusted is not None:
+        array(found.trusted, "`trusted`", (len(graph.edges),), "bool")
+    for name, cost in found.starts.items():
+        number(cost, f"`starts` of {name}")
 
 
 def _graph_poses(found: Any, count: int | None, width: int | None) -> None:

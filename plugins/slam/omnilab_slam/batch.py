@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from omnilab.api import Floats, Optimized, PoseGraph, check_settings, setting
 from omnilab.posegraph.graph import check_graph, edge_chi2, is_loop
 from omnilab_slam.factors import factors_of, noise_of, robust, values_of
-from omnilab_slam.kernels import REDESCENDING, Kernel, costs, weights
+from omnilab_slam.kernels import REDESCENDING, Kernel, costs, weights, why
 from omnilab_slam.solvers import levenberg_marquardt, refined, with_covariances, with_trust
 from omnilab_slam.starts import Start, from_start
 
@@ -54,6 +54,5 @@ class GtsamBatch:
             return float(costs(self.kernel, self.kernel_width, loops, edge_chi2(graph, found.poses)).sum())
 
         found = from_start(graph, self.start, optimize, cost)
-        why = f"kernel {self.kernel.value} counts them less than half"
-        found = with_trust(found, loops, None if self.kernel is Kernel.none else why)
+        found = with_trust(found, loops, why(self.kernel))
         return with_covariances(found, stages[-1]) if covariances else found

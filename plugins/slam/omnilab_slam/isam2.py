@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from omnilab.api import Floats, Ints, Optimized, PoseGraph, check_settings, setting
+from omnilab.api import Bools, Floats, Ints, Optimized, PoseGraph, Watch, check_settings, setting
 from omnilab.posegraph.graph import arrivals, check_graph, chi2, edge_chi2, inverse, is_loop, matrices, moved, vectors
 from omnilab_slam.factors import (
     anchor,
@@ -19,8 +19,17 @@ from omnilab_slam.factors import (
     robust,
     vector_of,
 )
-from omnilab_slam.kernels import Kernel, weights
-from omnilab_slam.solvers import FAILURES, brief, check_start, covariances_of, empty_tree
+from omnilab_slam.kernels import Kernel, weights, why
+from omnilab_slam.solvers import (
+    FAILURES,
+    brief,
+    check_start,
+    empty_tree,
+    is_singular,
+    with_covariances,
+    with_trust,
+)
+from omnilab_slam.starts import beside_chordal
 
 LOOSE_SIGMA = 1.0  # m and rad: the tie of a pose whose update failed
 
@@ -29,7 +38,8 @@ LOOSE_SIGMA = 1.0  # m and rad: the tie of a pose whose update failed
 class GtsamIsam2:
     """iSAM2 (Kaess et al., 2012): each pose is added to a Bayes tree of which only what it touches is solved again.
 
-    By QR, which stands what Cholesky does not. `optimize` adds a graph's poses one by one, guessed from the poses there
+    Spatial graphs are solved by Cholesky, and by QR once that has failed; planar ones by QR, which stands more and costs
+    little there. `optimize` adds a graph's poses one by one, guessed from the poses there
     are, whatever the graph's own say. Robust kernels are for loop closures; redescending ones would keep wrong ones out
     from the start and right ones after a drift.
     """
@@ -49,27 +59,33 @@ class GtsamIsam2:
         """An incremental graph of one pose (k,), which stays."""
         return Isam2Graph(self, first_pose)
 
-    def optimize(self, graph: PoseGraph, covariances: bool = False) -> Optimized:
+    def optimize(self, graph: PoseGraph, covariances: bool = False, watch: Watch | None = None) -> Optimized:
         """Add every pose with its edges to those before it, then update without new poses."""
         check_graph(graph)
         check_start(graph, graph.poses)
         incremental, order, warnings = self.begin(graph.poses[0]), [0], list[str]()
+        loops = is_loop(graph)
         for arrival in arrivals(graph):
             guess = moved(incremental.pose(arrival.before), arrival.motion)
             e = arrival.edges
-            warnings += incremental.add(guess, arrival.ends, graph.motions[e], graph.information[e])
+            failures = incremental.add(guess, arrival.ends, graph.motions[e], graph.information[e], loops[e])
+            warnings += failures
             order.append(arrival.node)
+            if watch is not None:
+                watch(arrival.node, incremental, failures)
         warnings += incremental.settle(self.settle)
         poses = np.empty_like(graph.poses)
         poses[order] = incremental.poses()
-        edge_errors, loops = edge_chi2(graph, poses), is_loop(graph)
-        marginal = None
-        if covariances:
-            factors = factors_of(graph, self.noises(graph.information, loops))
-            marginal = covariances_of(factors, poses, warnings)
+        edge_errors = edge_chi2(graph, poses)
         weight = weights(self.kernel, self.kernel_width, loops, edge_errors)
-        return Optimized(
-            poses, chi2(graph), float(edge_errors.sum()), len(graph) - 1 + self.settle, weight, marginal, warnings
+        found = Optimized(
+            poses, chi2(graph), float(edge_errors.sum()), len(graph) - 1 + self.settle, weight, warnings=warnings
+        )
+        found = with_trust(found, loops, why(self.kernel))
+        if self.kernel is Kernel.none:
+            found = beside_chordal(graph, found)
+        return (
+            with_covariances(found, factors_of(graph, self.noises(graph.information, loops))) if covariances else found
         )
 
     def noises(self, information: Floats, loops: Any) -> list[Any]:
@@ -85,13 +101,17 @@ class Isam2Graph:
 
         self._settings, self._planar = settings, len(first_pose) == 3
         self._factors = gtsam.NonlinearFactorGraph()
+        self._factorization = "QR" if self._planar else "CHOLESKY"
         self._tree = self._empty_tree()
         self._count = 0
         self._update([anchor(first_pose)], first_pose)
 
-    def add(self, pose: Floats, edges: Ints, motions: Floats, information: Floats) -> list[str]:
-        """See `omnilab.api.IncrementalGraph`."""
-        noises = self._settings.noises(information, np.abs(edges[:, 1] - edges[:, 0]) != 1)
+    def add(
+        self, pose: Floats, edges: Ints, motions: Floats, information: Floats, loops: Bools | None = None
+    ) -> list[str]:
+        """See `omnilab.api.IncrementalGraph`. `loops` (e,): which edges are not of odometry; None: not to the next number."""
+        loops = np.abs(edges[:, 1] - edges[:, 0]) != 1 if loops is None else loops
+        noises = self._settings.noises(information, loops)
         measured = zip(edges.tolist(), motions, noises, strict=True)
         try:
             self._update([factor_of(i, j, motion, noise) for (i, j), motion, noise in measured], pose)
@@ -117,7 +137,7 @@ class Isam2Graph:
         force.force_relinearize = True
         for _ in range(updates):
             try:
-                self._tree.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), force)
+                self._advance(gtsam.NonlinearFactorGraph(), gtsam.Values(), force)
             except FAILURES as error:
                 self._rebuild()
                 return [f"the map could not settle ({brief(error)}); it stays as it was"]
@@ -125,7 +145,19 @@ class Isam2Graph:
 
     def _empty_tree(self) -> Any:
         """A Bayes tree without poses."""
-        return empty_tree(self._settings.relinearize_threshold, self._settings.relinearize_every)
+        settings = self._settings
+        return empty_tree(settings.relinearize_threshold, settings.relinearize_every, self._factorization)
+
+    def _advance(self, factors: Any, values: Any, *settings: Any) -> None:
+        """An update of the tree; should Cholesky fail, the tree is built again by QR, and stays so."""
+        try:
+            self._tree.update(factors, values, *settings)
+        except FAILURES as error:
+            if self._factorization == "QR" or not is_singular(error):
+                raise
+            self._factorization = "QR"
+            self._rebuild()
+            self._tree.update(factors, values, *settings)
 
     def _update(self, factors: list[Any], pose: Floats) -> None:
         """Add one more pose (k,) with its factors."""
@@ -135,7 +167,7 @@ class Isam2Graph:
         for factor in factors:
             new.push_back(factor)
         values.insert(self._count, pose_of(pose))
-        self._tree.update(new, values)
+        self._advance(new, values)
         self._factors.push_back(new)
         self._count += 1
 

@@ -57,3 +57,8 @@ def costs(kernel: Kernel, width: float | None, loops: Any, edge_chi2: Floats) ->
         loss_of = estimator(kernel, width).loss
         cost[loops] = [2 * loss_of(float(distance)) for distance in np.sqrt(edge_chi2[loops])]
     return cost
+
+
+def why(kernel: Kernel) -> str | None:
+    """When a loop closure is rejected, in a few words; None: never."""
+    return None if kernel is Kernel.none else f"kernel {kernel.value} counts them less than half"

@@ -64,12 +64,12 @@ def levenberg_marquardt(factors: Any, start: Any, max_iterations: int, tolerance
     return solved
 
 
-def empty_tree(relinearize_threshold: float, relinearize_every: int) -> Any:
-    """iSAM2's Bayes tree without poses, factorised by QR."""
+def empty_tree(relinearize_threshold: float, relinearize_every: int, factorization: str = "QR") -> Any:
+    """iSAM2's Bayes tree without poses, factorised by QR or CHOLESKY."""
     import gtsam
 
     settings = gtsam.ISAM2Params()
-    settings.setFactorization("QR")
+    settings.setFactorization(factorization)
     settings.setRelinearizeThreshold(relinearize_threshold)
     settings.relinearizeSkip = relinearize_every
     return gtsam.ISAM2(settings)
@@ -134,6 +134,11 @@ def check_start(graph: PoseGraph, start: Floats) -> None:
         raise DataError(f"chi2 of the first poses is {value}; give motions and information of a usual size")
 
 
+def is_singular(error: Exception) -> bool:
+    """Whether a solver failed because its linear equations have no unique solution to rounding."""
+    return any(word in str(error) for word in ("Indeterminate", "singular"))
+
+
 def brief(error: Exception) -> str:
-    """An error's text on one line."""
-    return " ".join(str(error).split())[:200]
+    """What went wrong, on one line."""
+    return "its linear equations are singular" if is_singular(error) else " ".join(str(error).split())[:200]

@@ -13,8 +13,10 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.posegraph.graph import chi2, dead_reckoning
 from omnilab_slam.chordal import chordal
 from omnilab_slam.factors import factors_of, poses_of
-from omnilab_slam.solvers import FAILURES, brief, check_start
+from omnilab_slam.gauss_newton import gauss_newton
+from omnilab_slam.solvers import FAILURES, MAX_STEPS, TOLERANCE, brief, check_start
 
+FAR_BELOW = 0.05  # relative difference of chi2 that is more than an incremental solver's last steps
 SAME_OPTIMUM = 1e-4  # relative difference of costs below which two starts led to one optimum: solvers stop before that
 
 
@@ -67,6 +69,22 @@ def _better(given: Optimized, found: Optimized, costs: dict[str, float]) -> Opti
     return replace(
         found, chi2_before=given.chi2_before, starts={other: after, own: before}, notes=[sentence, *found.notes]
     )
+
+
+def beside_chordal(graph: PoseGraph, found: Optimized) -> Optimized:
+    """The optimum of a back end that takes poses as they come, with what Gauss-Newton from a chordal start leads to."""
+    if len(graph.edges) < len(graph):
+        return found
+    try:
+        poses = gauss_newton(graph, chordal(graph), np.ones_like, MAX_STEPS, TOLERANCE).poses
+    except FAILURES:
+        return found
+    other = chi2(graph, poses)
+    if not (np.isfinite(other) and other < (1 - FAR_BELOW) * found.chi2):
+        return found
+    sentence = f"poses as they come lead to chi2 {found.chi2:.6g}, a chordal start to {other:.6g}; backend=gtsam_batch keeps that"
+    starts = {Start.odometry.value: found.chi2, Start.chordal.value: other}
+    return replace(found, starts=starts, notes=[*found.notes, sentence])
 
 
 def initial_poses(graph: PoseGraph, start: Start) -> Floats:

@@ -223,7 +223,7 @@ def test_a_solver_that_fails_becomes_a_warning_and_the_poses_stay(monkeypatch):
     for name, backend in (("LevenbergMarquardtOptimizer", GtsamBatch()), ("GncLMOptimizer", GtsamGnc())):
         monkeypatch.setattr(gtsam, name, Torn)
         found = backend.optimize(graph)
-        assert "Indeterminate linear system detected" in found.warnings[0]
+        assert "the solver failed (its linear equations are singular)" in found.warnings[0]
         assert "kept" in found.warnings[0]
         assert found.chi2 <= found.chi2_before
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from omnilab.api import PoseGraph
 from omnilab.errors import DataError
 from omnilab.posegraph.graph import between, chi2, dead_reckoning, matrices, residuals, vectors
-from omnilab_slam import GtsamBatch, GtsamGnc, starts
+from omnilab_slam import GtsamBatch, GtsamGnc, GtsamIsam2, starts
 from omnilab_slam.chordal import chordal
 from omnilab_slam.kernels import Kernel
 from omnilab_slam.starts import Start, initial_poses
@@ -210,3 +210,14 @@ def test_each_start_is_a_guess_of_all_poses():
     assert np.array_equal(initial_poses(graph, Start.odometry), dead_reckoning(graph))
     for start in (Start.lago, Start.chordal):
         assert chi2(graph, initial_poses(graph, start)) < chi2(graph)
+
+
+def test_a_local_minimum_of_poses_as_they_come_is_said_beside_the_lower_one():
+    graph, _ = two_laps(planar=True, seed=2, sigma_rad=0.4)
+    found, best = GtsamIsam2().optimize(graph), GtsamBatch().optimize(graph)
+    assert found.chi2 > 2 * best.chi2
+    assert list(found.starts) == ["odometry", "chordal"]
+    assert found.starts["chordal"] == pytest.approx(best.chi2, rel=1e-4)
+    assert "backend=gtsam_batch keeps that" in found.notes[-1]
+    quiet = GtsamIsam2().optimize(two_laps(planar=True, seed=2)[0])
+    assert (quiet.starts, list(quiet.notes)) == ({}, [])

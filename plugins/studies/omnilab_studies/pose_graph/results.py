@@ -80,7 +80,7 @@ def _row_of(name: str, graph: PoseGraph, optimized: Optimized, truth: GraphTruth
         "iterations": optimized.iterations,
         "problems": len(optimized.warnings),
         "start": next(iter(optimized.starts), ""),
-        "start_gap": max(costs) - costs[0] if costs else "",
+        "start_gap": max(costs) - min(costs) if costs else "",
         "rejected": int((optimized.rejected & is_loop(graph)).sum()),
         "trusted": "" if optimized.trusted is None else int(optimized.trusted.sum()),
         **_errors(optimized.poses, truth),

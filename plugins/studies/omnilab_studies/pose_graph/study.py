@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -14,16 +14,13 @@ import numpy as np
 from omnilab.api import (
     Backend,
     Floats,
-    Graph,
     IncrementalBackend,
-    IncrementalGraph,
     Optimized,
     Parts,
     PlaceMap,
     PoseGraph,
     Recorder,
     Report,
-    Series,
     Text,
     Tick,
     check_settings,
@@ -31,10 +28,11 @@ from omnilab.api import (
 )
 from omnilab.errors import ConfigError, DataError
 from omnilab.posegraph.files import read_graph
-from omnilab.posegraph.graph import arrivals, matrices, moved
+from omnilab.posegraph.graph import matrices
 from omnilab.trajectory.evaluation import Alignment
 from omnilab_studies.common.tables import columns_of
 from omnilab_studies.pose_graph import figures
+from omnilab_studies.pose_graph.growth import STEP_NS, Growth, drawn
 from omnilab_studies.pose_graph.layout import layout_of
 from omnilab_studies.pose_graph.results import (
     GraphTruth,
@@ -45,8 +43,6 @@ from omnilab_studies.pose_graph.results import (
     summary_of,
 )
 from omnilab_studies.pose_graph.simulated_graphs import Walk, with_wrong_loops
-
-STEP_NS = 100_000_000  # between two poses, in the logs
 
 
 @dataclass
@@ -79,13 +75,8 @@ class PoseGraphStudy:
         graph, wrong = with_wrong_loops(clean, self.wrong_loops, rng)
         backends = backends_of(parts)
         _show_graph(record, graph, true_poses, backends)
-        optima, seconds = _optimize(backends, graph, record)
+        optima, seconds, growth = self._optimize(backends, graph, record)
         clean_optimum = parts.backend.optimize(clean).poses if len(wrong) else None
-        growth = {
-            name: self._add_poses(backend, graph, name, record)
-            for name, backend in backends.items()
-            if isinstance(backend, IncrementalBackend)
-        }
         return _report(graph, GraphTruth(wrong, true_poses, clean_optimum, self.alignment), optima, seconds, growth)
 
     def _graph(self, rng: np.random.Generator, record: Recorder) -> tuple[PoseGraph, Floats | None]:
@@ -105,26 +96,26 @@ class PoseGraphStudy:
             raise DataError(f"{self.truth} has other vertices than {self.path}; give the true poses of the same ones")
         return graph, true.poses
 
-    def _add_poses(self, backend: IncrementalBackend, graph: PoseGraph, name: str, record: Recorder) -> Floats:
-        """Build the graph pose by pose: milliseconds (N - 1,) that each took to add. Some stages go into the logs."""
-        incremental, nodes, times = backend.begin(graph.poses[0]), [0], []
-        stages = set(np.linspace(1, len(graph) - 1, self.show).astype(int).tolist())
-        for arrival in record.track(arrivals(graph), f"grow: {name}", len(graph) - 1, lambda _: 1):
-            own = arrival.edges
-            start = time.perf_counter()
-            guess = moved(incremental.pose(arrival.before), arrival.motion)
-            warnings = incremental.add(guess, arrival.ends, graph.motions[own], graph.information[own])
-            times.append(1e3 * (time.perf_counter() - start))
-            nodes.append(arrival.node)
-            step = len(nodes) - 1
-            for sentence in warnings:
-                record.log("log", Text(f"{name}: {sentence}", "WARN"), Tick(step, step * STEP_NS))
-            if step in stages:
-                stage = _drawn(*_subgraph(graph, incremental, nodes))
-                record.log(f"after/{name}", stage, Tick(step, step * STEP_NS))
-        steps = np.arange(1, len(graph))
-        record.log(f"time/{name}", Series(np.array(times), steps, steps * STEP_NS, "ms"))
-        return np.array(times)
+    def _optimize(
+        self, backends: Mapping[str, Backend], graph: PoseGraph, record: Recorder
+    ) -> tuple[dict[str, Optimized], dict[str, float], dict[str, Floats]]:
+        """Each back end's optimum, the seconds it took, and the times of incremental ones (see `Growth`)."""
+        small, _ = Walk(count=20, side=3).graph(np.random.default_rng(0))
+        optima, seconds, times_ms = dict[str, Optimized](), dict[str, float](), dict[str, Floats]()
+        for name, backend in record.track(backends.items(), "optimize", len(backends), lambda _: 1):
+            backend.optimize(small)  # loads its libraries before the clock starts
+            record.log(f"after/{name}", drawn(graph, graph.poses), Tick(0, 0))
+            with record.timed(f"optimize: {name}"):
+                if isinstance(backend, IncrementalBackend):
+                    growth = Growth(name, graph, record, self.show)
+                    optima[name] = backend.optimize(graph, watch=growth.watch)
+                    seconds[name], times_ms[name] = growth.seconds(), growth.log_times()
+                else:
+                    start = time.perf_counter()
+                    optima[name] = backend.optimize(graph)
+                    seconds[name] = time.perf_counter() - start
+            _show_optimum(record, name, graph, optima[name], len(graph) if name in times_ms else 1)
+        return optima, seconds, times_ms
 
 
 def backends_of(parts: Parts) -> dict[str, Backend]:
@@ -135,58 +126,22 @@ def backends_of(parts: Parts) -> dict[str, Backend]:
     return {own: parts.backend, **parts.backends}
 
 
-def _optimize(
-    backends: Mapping[str, Backend], graph: PoseGraph, record: Recorder
-) -> tuple[dict[str, Optimized], dict[str, float]]:
-    """Each back end's optimum, and the seconds it took."""
-    small, _ = Walk(count=20, side=3).graph(np.random.default_rng(0))
-    optima: dict[str, Optimized] = {}
-    seconds: dict[str, float] = {}
-    for name, backend in record.track(backends.items(), "optimize", len(backends), lambda _: 1):
-        backend.optimize(small)  # loads its libraries before the clock starts
-        with record.timed(f"optimize: {name}"):
-            start = time.perf_counter()
-            optima[name] = backend.optimize(graph)
-            seconds[name] = time.perf_counter() - start
-        _show_optimum(record, name, graph, optima[name], len(graph) if isinstance(backend, IncrementalBackend) else 1)
-    return optima, seconds
-
-
 def _show_graph(record: Recorder, graph: PoseGraph, truth: Floats | None, backends: Mapping[str, Backend]) -> None:
     """Log the graph before its optimisation."""
     record.log("", layout_of(list(backends), "start" if truth is None else "truth"))
     record.log("start", PlaceMap(matrices(graph.poses)[:, :3, 3]))
     if truth is not None:
         record.log("truth", PlaceMap(matrices(truth)[:, :3, 3]))
-    record.log("before", _drawn(graph, graph.poses))
+    record.log("before", drawn(graph, graph.poses))
 
 
 def _show_optimum(record: Recorder, name: str, graph: PoseGraph, optimized: Optimized, step: int) -> None:
-    """Log the graph before the optimisation at step 0, after it from `step` on, and what the back end says."""
-    record.log(f"after/{name}", _drawn(graph, graph.poses), Tick(0, 0))
-    record.log(f"after/{name}", _drawn(graph, optimized.poses), Tick(step, step * STEP_NS))
+    """Log the graph after the optimisation, from `step` on, and what the back end says."""
+    record.log(f"after/{name}", drawn(graph, optimized.poses), Tick(step, step * STEP_NS))
     for sentence in optimized.warnings:
         record.log("log", Text(f"{name}: {sentence}", "WARN"))
     for sentence in optimized.notes:
         record.log("log", Text(f"{name}: {sentence}", "NOTE"))
-
-
-def _drawn(graph: PoseGraph, poses: Floats) -> Graph:
-    return Graph(matrices(poses)[:, :3, 3], graph.edges, figures.colors(graph, poses))
-
-
-def _subgraph(graph: PoseGraph, incremental: IncrementalGraph, nodes: list[int]) -> tuple[PoseGraph, Floats]:
-    """The part of a graph among the nodes that were added, and its poses."""
-    number = np.full(len(graph), -1)
-    number[nodes] = np.arange(len(nodes))
-    edges = number[graph.edges]
-    there = (edges >= 0).all(axis=1)
-    poses = incremental.poses()
-    part = replace(
-        graph, ids=graph.ids[nodes], poses=poses, edges=edges[there],
-        motions=graph.motions[there], information=graph.information[there],
-    )  # fmt: skip
-    return part, poses
 
 
 def _report(
