@@ -37,6 +37,7 @@ from omnilab.api.data import (
     Provenance,
     Signatures,
     Unusable,
+    Watch,
 )
 from omnilab.api.kinds import (
     KINDS,
@@ -62,7 +63,6 @@ from omnilab.api.kinds import (
     TrainedDescriptor,
     ViewFilter,
     ViewMap,
-    Watch,
     is_cached,
 )
 from omnilab.api.poses import GridPoses, NamedPath, PathPoses, Plan, PoseRequest, RandomPoses, RecordedPoses

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
@@ -257,3 +257,6 @@ class Optimized:
     def rejected(self) -> Bools:
         """Edges (E,) that count less than half."""
         return np.asarray(self.weights < 0.5)
+
+
+Watch = Callable[[int, Any, Sequence[str]], None]  # a node's row, the IncrementalGraph with it, what went wrong

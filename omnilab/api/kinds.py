@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
@@ -29,6 +29,7 @@ from omnilab.api.data import (
     PoseGraph,
     Signatures,
     Unusable,
+    Watch,
 )
 from omnilab.api.poses import Plan, PoseRequest
 from omnilab.api.records import Mesh, Record, Tick
@@ -224,9 +225,6 @@ class IncrementalGraph(Protocol):
         """All poses (n, k), as they are now."""
 
 
-Watch = Callable[[int, IncrementalGraph, Sequence[str]], None]
-
-
 @runtime_checkable
 class IncrementalBackend(Protocol):
     """A back end that can take poses as they come."""
@@ -235,10 +233,7 @@ class IncrementalBackend(Protocol):
         """A map with one pose (k,), which stays."""
 
     def optimize(self, graph: PoseGraph, covariances: bool = False, watch: Watch | None = None) -> Optimized:
-        """As `Backend.optimize`, pose by pose in the order of `omnilab.posegraph.graph.arrivals`.
-
-        `watch` is called after each pose but the first: with its row in the graph, the map so far, and what went wrong.
-        """
+        """As `Backend`'s, pose by pose; `watch` is told each but the first: its row, the map so far, what went wrong."""
 
 
 @runtime_checkable
