@@ -129,6 +129,8 @@ def _readable(word: str, multirun: bool, registry: Registry) -> str:
     if is_text(types):
         return _text(key, value, parsed, multirun)
     kind = key.lstrip("+").partition("@")[0]
+    if kind in {*KINDS, "experiment"} and parsed is not None and parsed.value() is None:
+        raise ConfigError(f"{word} names nothing; what is chosen there is left out by ~{key.lstrip('+')}")
     if kind in KINDS and parsed is not None and isinstance(parsed.value(), (int, float, dict)):
         raise ConfigError(f"{word} is no name; give {key}={'|'.join(registry.names(kind))}")
     if parsed is not None and _is_empty_range(parsed):
