@@ -21,6 +21,7 @@ class Metric:
     value: float
     unit: str  # "1" for ratios and counts
     interval: tuple[float, float] | None = None  # 95 % confidence, where it was estimated
+    note: str = ""  # why there is no value, where it is NaN, in a few words
 
 
 @dataclass(frozen=True)

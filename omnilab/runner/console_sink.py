@@ -46,7 +46,9 @@ class Console:
         if isinstance(record, Progress):
             self._show(record)
         elif isinstance(record, Text) and not record.markdown and record.level != "INFO":
-            self._console.print(f"{record.level.lower()}: {visible(record.text)}", highlight=False, markup=False)
+            self._console.print(
+                f"{record.level.lower()}: {visible(record.text)}", highlight=False, markup=False, soft_wrap=True
+            )
 
     def _show(self, progress: Progress) -> None:
         assert self._console is not None

@@ -51,7 +51,7 @@ def execute(run: Run, folder: Path, registry: Registry, overrides: Sequence[str]
             report: Report = run.study.run(_parts(run, registry, cache), recorder, np.random.default_rng(run.seed))
             check_report(report, registry.title_of("study", run.study))
             _log_results(report, recorder)
-            run_folder.write(report)
+            run_folder.write(report, recorder.warnings)
             if report.map is not None:
                 save_map(folder / FILE, report.map, _about(run, registry))
     except KeyboardInterrupt:

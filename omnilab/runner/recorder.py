@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Self, TypeVar
 
 from omnilab import image
-from omnilab.api import Image, Progress, Record, Sink, Tick
+from omnilab.api import Image, Progress, Record, Sink, Text, Tick
 
 T = TypeVar("T")
 log = logging.getLogger("omnilab")
@@ -31,6 +31,7 @@ class Recorder:
         self.sinks = dict(sinks or {})
         self.folder = folder
         self.dropped: dict[str, str] = {}  # sink: what was wrong with it
+        self.warnings: dict[str, None] = {}  # what studies logged as such, each once
         self.costs: dict[str, tuple[float, int]] = {}  # stage: seconds, items
         self._lock = threading.Lock()
         self._stop = threading.Event()
@@ -55,6 +56,9 @@ class Recorder:
 
     def log(self, path: str, record: Record, tick: Tick | None = None) -> None:
         """Hand one record to every sink. Without a tick it holds for the whole run."""
+        if isinstance(record, Text) and record.level == "WARN" and record.text not in self.warnings:
+            self.warnings[record.text] = None
+            log.info("warning: %s", record.text)
         if not self.sinks:
             return
         if isinstance(record, Image) and not record.encoded:

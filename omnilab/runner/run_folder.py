@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import logging
+import math
 import os
 import platform
 import secrets
@@ -18,9 +19,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from omnilab.api import Report
+from omnilab.api import Metric, Report
 from omnilab.errors import DataError, visible
 
+METRICS = ["metric", "value", "unit", "low", "high", "note"]  # the columns of metrics.csv
+WARNINGS = "warnings.txt"
+NO_VALUE = "there was nothing to compute it from"
 RUNNING, DONE, FAILED, INTERRUPTED, KILLED = "running", "done", "failed", "interrupted", "killed"
 UNREADABLE = "unreadable"  # what a damaged run is listed as
 
@@ -59,11 +63,11 @@ class RunFolder:
         now = datetime.now(UTC).isoformat(timespec="seconds")
         _write_json(self.folder / "status.json", {"status": status, "time": now, "pid": os.getpid(), **more})
 
-    def write(self, report: Report) -> None:
-        """Metrics, tables, figures and files."""
-        rows = [(m.name, _number(m.value), m.unit, *map(_number, m.interval or ())) for m in report.metrics]
-        rows = [(*row, "", "") if len(row) == 3 else row for row in rows]
-        write_csv(self.folder / "metrics.csv", ["metric", "value", "unit", "low", "high"], rows)
+    def write(self, report: Report, warnings: Iterable[str] = ()) -> None:
+        """Metrics, tables, figures and files; in `warnings.txt` what is to be known before they are believed."""
+        write_csv(self.folder / "metrics.csv", METRICS, map(_metric_row, report.metrics))
+        if lines := [" ".join(warning.split()) for warning in warnings]:
+            (self.folder / WARNINGS).write_text("\n".join(lines) + "\n", encoding="utf-8")
         for name, table in report.tables.items():
             write_csv(self.folder / f"{name}.csv", list(table), zip(*table.values(), strict=True))
         for name, figure in report.figures.items():
@@ -98,9 +102,20 @@ class _WarningPrinter(logging.Handler):
             sys.stderr.write(f"omnilab: {visible(sentence)}\n")
 
 
+def _metric_row(metric: Metric) -> tuple[str, ...]:
+    """A line of `metrics.csv`: a metric without a value is empty, and its note says why."""
+    low, high = metric.interval or (math.nan, math.nan)
+    if math.isnan(low) or math.isnan(high):
+        low = high = math.nan
+    note = (metric.note or NO_VALUE) if math.isnan(metric.value) else ""
+    return metric.name, _number(metric.value), metric.unit, _number(low), _number(high), note
+
+
 def _number(value: Any) -> str:
-    """The shortest text that reads back as the same number."""
+    """The shortest text that reads back as the same number; empty for NaN."""
     number = float(value)
+    if math.isnan(number):
+        return ""
     return str(int(number)) if number.is_integer() and abs(number) < 2**53 else repr(number)
 
 
@@ -201,6 +216,11 @@ class LoadedRun:
         return {row["metric"]: (self._metric(row, "low"), self._metric(row, "high")) for row in rows}
 
     @cached_property
+    def notes(self) -> dict[str, str]:
+        """Why there is no value, of the metrics without one."""
+        return {row["metric"]: row["note"] for row in self._metric_rows if row.get("note")}
+
+    @cached_property
     def units(self) -> dict[str, str]:
         return {row["metric"]: row["unit"] for row in self._metric_rows}
 
@@ -212,6 +232,8 @@ class LoadedRun:
         return rows
 
     def _metric(self, row: Mapping[str, str], column: str) -> float:
+        if not row[column] and row.get("note"):
+            return math.nan
         try:
             return float(row[column])
         except (KeyError, ValueError) as error:

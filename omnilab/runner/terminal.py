@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import sys
 from collections.abc import Sequence
@@ -46,17 +47,27 @@ def _brief(cell: str) -> str:
 def show_run(folder: Path) -> None:
     """The metrics of a finished run."""
     run = load_run(folder)
-    rows = [[name, repr(value), run.units[name].replace("1", "", 1)] for name, value in run.metrics.items()]
+    rows = [[name, _value(value), run.units[name].replace("1", "", 1)] for name, value in run.metrics.items()]
     header = ["metric", "value", "unit"]
     if known := run.intervals:
         header.append("95 % interval")
         rows = [[*row, "{:.4g} to {:.4g}".format(*known[row[0]]) if row[0] in known else ""] for row in rows]
+    if notes := run.notes:
+        header.append("note")
+        rows = [[*row, notes.get(row[0], "")] for row in rows]
     print_table(header, rows, title=str(short(run.folder)))
 
 
 def headline(run: LoadedRun) -> str:
     """A run's first three metrics, in a line."""
-    return ", ".join(f"{name} {value:.4g}" for name, value in list(run.metrics.items())[:HEADLINE])
+    return ", ".join(
+        f"{name} {'–' if math.isnan(value) else f'{value:.4g}'}" for name, value in list(run.metrics.items())[:HEADLINE]
+    )
+
+
+def _value(value: float) -> str:
+    """A metric in a table; nothing where it has no value."""
+    return "" if math.isnan(value) else repr(value)
 
 
 def print_summary(header: Sequence[str], rows: Sequence[Sequence[str]], title: str) -> None:

@@ -11,12 +11,14 @@ from omnilab.metrics import (
     distances_to,
     first_ranks,
     heading_error,
+    is_flat,
     precision_recall,
     ranks,
     recall_at,
     recall_at_full_precision,
     sharpness,
     spacing,
+    tie_distance,
     verdicts,
 )
 
@@ -39,7 +41,7 @@ def test_all_four_places_around_a_query_half_way_are_nearest():
     assert _verdict(0.5, 0.5, 8) == "wrong"
 
 
-def test_places_within_a_millimetre_of_the_nearest_count_as_nearest():
+def test_places_within_a_millimetre_of_the_nearest_count_or_theseest():
     assert _verdict(0.4996, 0.0, 1) == "nearest"
     assert _verdict(0.4990, 0.0, 1) == "second"
 
@@ -48,6 +50,36 @@ def test_ranks_count_the_places_that_come_before_a_nearest_one():
     apart = distances_to(np.array([[0.5, 0.5, 1.0]]), GRID)
     field = np.array([[5, 9, 1, 7, 8, 2, 9, 9, 9.0]])  # the first of places 0, 1, 3, 4 is place 0 with 5
     assert ranks(apart, field)[0] == 3
+
+
+def test_a_nearest_place_comes_last_where_all_are_as_far():
+    apart = distances_to(np.array([[0.1, 0.1, 1.0]]), GRID)
+    assert ranks(apart, np.ones((1, 9)))[0] == 9
+    assert ranks(apart, np.full((1, 9), np.nan))[0] == 9
+    assert ranks(apart, np.array([[np.nan, 1, 1, 1, 1, 1, 1, 1, 1]]))[0] == 9
+    assert ranks(apart, np.array([[1.0, 1, 2, 2, 2, 2, 2, 2, 2]]))[0] == 1
+
+
+def test_an_answer_by_chance_is_scored_as_the_worst_it_could_have_been():
+    apart = distances_to(np.array([[0.1, 0.0, 1.0]] * 3), GRID)
+    or_these = np.zeros((3, 9), bool)
+    or_these[0, [0, 1]] = or_these[1, [0, 8]] = or_these[2, 0] = True
+    assert verdicts(apart, np.zeros(3, int), or_these=or_these).tolist() == ["second", "wrong", "nearest"]
+
+
+def test_distances_are_flat_that_differ_by_rounding_alone():
+    field = np.array([[1, 1, 2], [1, 1.1, 2], [0, 0, 0], [5, 5.000001, 5], [1e-9, 2e-9, 3e-9]])
+    assert is_flat(field).tolist() == [False, False, True, True, False]
+
+
+def test_ties_follow_the_spacing_and_are_a_millimetre_in_rooms():
+    assert {tie_distance(s) for s in (0.05, 0.1, 0.2, 0.4, 1.0, 2.0)} == {1e-3}
+    assert tie_distance(0.005) == pytest.approx(1e-4)
+    assert tie_distance(20.0) == pytest.approx(1e-2)
+    assert tie_distance(np.nan) == 1e-3
+    apart = distances_to(np.array([[0.496, 0.0, 1.0]]), GRID)
+    assert verdicts(apart, np.array([1])).tolist() == ["second"]
+    assert verdicts(apart, np.array([1]), tie_m=0.01).tolist() == ["nearest"]
 
 
 def test_sharpness_by_hand():
@@ -64,6 +96,8 @@ def test_heading_errors_do_not_care_about_whole_turns(a, b):
 def test_spacing_is_the_step_of_a_grid():
     assert spacing(0.2 * GRID) == pytest.approx(0.2)
     assert np.isnan(spacing(GRID[:1]))
+    assert np.isnan(spacing(GRID[[4, 4, 4]]))  # one place
+    assert spacing(np.concatenate([GRID, GRID])) == 1  # two pictures of each
     x, y = np.meshgrid(np.arange(60), np.arange(40))
     assert spacing(0.3 * np.column_stack([x.ravel(), y.ravel(), np.zeros(2400)])) == pytest.approx(0.3)
 
@@ -72,6 +106,7 @@ def test_the_first_true_place_comes_after_all_that_are_as_far():
     field = np.array([[3.0, 1, 2, 2], [1, 1, 1, 1], [0, 1, 2, 3]])
     true = np.array([[False, False, True, False], [False, True, False, False], [False] * 4])
     assert first_ranks(field, true).tolist() == [3, 4, 0]  # a constant field finds its place last
+    assert first_ranks(field * np.nan, true).tolist() == [4, 4, 0]  # and so does none at all
 
 
 def test_recall_leaves_out_queries_without_a_true_place():
@@ -120,3 +155,21 @@ def test_a_bootstrap_skips_resamples_that_say_nothing():
     low, high = bootstrap(lambda _: float("nan"), 2, np.random.default_rng(1), resamples=5)
     assert np.isnan(low)
     assert np.isnan(high)
+
+
+def test_answers_at_no_finite_distance_are_never_accepted():
+    distance = np.array([0.5, np.nan, 0.2, np.inf])
+    correct, known = np.array([False, True, True, True]), np.ones(4, bool)
+    precision, recall, threshold = precision_recall(distance, correct, known)
+    assert threshold.tolist() == [0.2, 0.5]
+    assert precision.tolist() == [1, 0.5]
+    assert recall.tolist() == [0.25, 0.25]
+    nothing = precision_recall(distance * np.nan, correct, known)[:2]
+    assert average_precision(*nothing) == 0
+    assert recall_at_full_precision(*nothing) == 0
+
+
+def test_without_a_true_place_there_is_no_recall_at_any_precision():
+    precision, recall, _ = precision_recall(np.array([1.0, 2.0]), np.zeros(2, bool), np.zeros(2, bool))
+    assert np.isnan(average_precision(precision, recall))
+    assert np.isnan(recall_at_full_precision(precision, recall))

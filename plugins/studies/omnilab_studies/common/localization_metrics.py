@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from omnilab.api import Floats, Ints, Metric, Places
+from omnilab.api import Bools, Floats, Ints, Metric, Places
 from omnilab.metrics import (
     VERDICTS,
     average_precision,
@@ -17,6 +17,7 @@ from omnilab.metrics import (
     recall_at,
     recall_at_full_precision,
 )
+from omnilab_studies.common.samples import of_known
 from omnilab_studies.common.scores import ScoredEstimates
 
 Statistic = Callable[[Ints], float]  # of the queries with these indices
@@ -29,11 +30,12 @@ def localization_metrics(
     """Rates, errors, recall and precision of the estimates on a map of `place_count` places, `step_m` apart.
 
     Each with a 95 % interval by bootstrap over the queries. True places of a query are those within one step. A query
-    without any does not count for recall; an estimate accepted for it lowers precision.
+    without any does not count for recall; an estimate accepted for it lowers precision. An estimate that is not decided
+    counts as the worst of the places that are as near, is within no step, and has no heading error.
     """
     count = len(scored.place)
     found = [
-        Metric(name, statistic(np.arange(count)), unit, bootstrap(statistic, count, rng))
+        Metric(name, statistic(np.arange(count)), unit, bootstrap(statistic, count, rng), _note(scored, name))
         for name, unit, statistic in _statistics(scored, place_count, step_m)
     ]
     without = Metric("queries_without_place", int((~scored.known).sum()), "1")
@@ -49,7 +51,7 @@ def _statistics(scored: ScoredEstimates, place_count: int, step_m: float) -> Ite
         yield from _spread("heading_error", scored.heading_error_deg, "deg")
     if np.isfinite(step_m):
         yield "position_error_steps_median", "steps", _median(scored.error_m / step_m)
-        yield "within_step_rate", "1", _mean(scored.error_m <= step_m)
+        yield "within_step_rate", "1", _mean((scored.error_m <= step_m) & scored.decided)
     for name, n in recalled(scored, place_count).items():
         yield name, "1", partial(_recall_at, true_ranks(scored), n)
     yield "average_precision", "1", lambda chosen: average_precision(*curve(scored, chosen))
@@ -67,14 +69,27 @@ def recalled(scored: ScoredEstimates, place_count: int) -> dict[str, int]:
 def true_ranks(scored: ScoredEstimates) -> Ints:
     """The rank (Q,) of the first true place, 0 for a query without one; without all distances, 1 if the estimate is
     true, or 2."""
-    if scored.has_ranks:
-        return scored.true_rank
-    return np.where(scored.known, np.where(scored.correct, 1, 2), 0)
+    found = scored.true_rank if scored.has_ranks else np.where(scored.correct, 1, 2)
+    return np.where(_judged(scored), found, 0)
 
 
 def curve(scored: ScoredEstimates, chosen: Ints | slice = slice(None)) -> tuple[Floats, Floats]:
     """Precision and recall (K,) as estimates, or some of them, are accepted, the most certain first."""
-    return precision_recall(scored.distance[chosen], scored.correct[chosen], scored.known[chosen])[:2]
+    return precision_recall(scored.distance[chosen], scored.correct[chosen], _judged(scored)[chosen])[:2]
+
+
+def _judged(scored: ScoredEstimates) -> Bools:
+    """The queries (Q,) that recall counts: those with a true place; none where every place is true for all of them."""
+    return scored.known & scored.confusable.any()
+
+
+def _note(scored: ScoredEstimates, name: str) -> str:
+    """Why a metric has no value, if it has none."""
+    if name.startswith("heading_error"):
+        return "nothing tells any answer from other places"
+    if not scored.known.any():
+        return "no query has a place of the map within one step"
+    return "every place of the map is within one step of every query"
 
 
 def _recall_at(ranks: Ints, n: int, chosen: Ints) -> float:
@@ -84,7 +99,7 @@ def _recall_at(ranks: Ints, n: int, chosen: Ints) -> float:
 def _spread(name: str, values: Floats, unit: str) -> Iterator[tuple[str, str, Statistic]]:
     yield f"{name}_median", unit, _median(values)
     yield f"{name}_mean", unit, _mean(values)
-    yield f"{name}_p95", unit, lambda chosen: float(np.quantile(values[chosen], 0.95))
+    yield f"{name}_p95", unit, partial(_of, partial(np.quantile, q=0.95), values)
 
 
 def _mean(values: Any) -> Statistic:
@@ -96,7 +111,7 @@ def _median(values: Floats) -> Statistic:
 
 
 def _of(statistic: Callable[[Floats], Any], values: Floats, chosen: Ints) -> float:
-    return float(statistic(values[chosen]))
+    return of_known(statistic, values[chosen])
 
 
 def map_metrics(places: Places, scored: ScoredEstimates, omitted: int) -> list[Metric]:

@@ -29,7 +29,7 @@ from omnilab.metrics import spacing
 from omnilab_studies.common.describing import describe
 from omnilab_studies.common.frames import deliver_queries
 from omnilab_studies.common.logs import show_frame
-from omnilab_studies.common.scores import ScoredEstimates, joined_estimates, known_poses, score
+from omnilab_studies.common.scores import Degeneracy, ScoredEstimates, joined_estimates, known_poses, score
 
 EXAMPLE_M = (-2.239, -1.653)  # x, y: the query nearest to it has its distance surface drawn (thesis, figure 4.12)
 
@@ -66,6 +66,8 @@ class LocalizationRun:
     def __post_init__(self) -> None:
         self.places_m = known_poses(self.places.T_world_camera, "places")[:, :3, 3]
         self.step_m = spacing(self.places_m)
+        self._degeneracy = Degeneracy(self.places)
+        self._degeneracy.log_map(self.record)
         with self.record.timed("prepare the map"):
             self._index = self.parts.localizer.prepare(self.places, self.parts.distance)
 
@@ -76,6 +78,16 @@ class LocalizationRun:
             return localizer.track(signatures, self._index, motion)
         return localizer.locate(signatures, self._index)
 
+    def score(self, frames: Frames, signatures: Signatures, estimates: Estimates) -> ScoredEstimates:
+        """A batch's estimates beside the truth."""
+        scored = score(frames, estimates, self.places_m, self.step_m, self._degeneracy.alike)
+        self._degeneracy.add(signatures, scored)
+        return scored
+
+    def log_degeneracy(self) -> None:
+        """Warnings of what is degenerate in the queries so far, into the logs."""
+        self._degeneracy.log_queries(self.record)
+
     def localize(self, plan: Plan, seed: int, motion: Floats | None = None) -> ScoredEstimates:
         """Localise all frames of a plan of queries, in order; `seed` is that of the disturbances."""
         batches: list[ScoredEstimates] = []
@@ -84,10 +96,11 @@ class LocalizationRun:
             signatures = describe(self.parts.descriptor, frames, self.record)
             with self.record.timed("localise", len(frames)):
                 estimates = self.locate(signatures, None if motion is None else motion[frames.plan_index])
-            batches.append(score(frames, estimates, self.places_m, self.step_m))
+            batches.append(self.score(frames, signatures, estimates))
             self.example.update(batches[-1], estimates.field)
             self._log(frames, signatures, batches[-1], estimates.field, len(plan))
         scored = joined_estimates(batches)
+        self.log_degeneracy()
         self.record.log("answers", Answers(scored.truth_m, scored.answer_m, list(scored.verdict)))
         return scored
 
@@ -98,7 +111,9 @@ class LocalizationRun:
         steps, stamps = scored.plan_index, scored.stamps_ns
         self.record.log("error/position_m", Series(scored.error_m, steps, stamps, "m"))
         if scored.has_headings:
-            self.record.log("error/heading_deg", Series(scored.heading_error_deg, steps, stamps, "deg"))
+            own = scored.decided
+            errors = Series(scored.heading_error_deg[own], steps[own], stamps[own], "deg")
+            self.record.log("error/heading_deg", errors)
         every = max(1, -(-total // self.show)) if self.show > 0 else total + 1
         for i in np.flatnonzero((steps + 1) % every == 0):
             tick = Tick(int(steps[i]), int(stamps[i]))

@@ -12,7 +12,7 @@ from omnilab.api import Descriptor, Estimates, Frames, Parts, Places, Plan, Reco
 from omnilab.metrics import spacing
 from omnilab_studies.common.describing import describe, describe_places, fitted
 from omnilab_studies.common.methods import Method, descriptors_of, methods_of
-from omnilab_studies.common.scores import ScoredEstimates, known_poses, score
+from omnilab_studies.common.scores import Degeneracy, ScoredEstimates, known_poses, score
 
 
 class MethodEstimates(NamedTuple):
@@ -45,11 +45,14 @@ class MethodRuns:
         self._localizer, self._record = parts.localizer, record
         self._descriptors: dict[str, Descriptor] = {}
         self._places: dict[str, Places] = {}
+        self._degeneracies: dict[str, Degeneracy] = {}
         self._spent: dict[str, list[float]] = defaultdict(lambda: [0.0, 0.0])  # seconds and queries of each stage
         for name, descriptor in descriptors_of(self.methods).items():
             own = fitted(replace(parts, descriptor=descriptor), plan, record)
             self._descriptors[name] = own.descriptor
             self._places[name], _ = describe_places(own, plan, record, f"places, {name}")
+            self._degeneracies[name] = Degeneracy(self._places[name], name)
+            self._degeneracies[name].log_map(record)
         self._step_m = spacing(known_poses(plan.T_world_camera, "places")[:, :3, 3])
         self._maps: dict[str, Any] = {
             m.name: self._localizer.prepare(self._places[m.descriptor_name], m.distance) for m in self.methods
@@ -71,7 +74,15 @@ class MethodRuns:
                 with self._record.timed("localise", len(frames)):
                     estimates = self._localizer.locate(signatures, self._maps[method.name])
                 self._spend(f"locate {method.name}", start, frames)
-                yield MethodEstimates(method, signatures, estimates, score(frames, estimates, places_m, self._step_m))
+                degeneracy = self._degeneracies[name]
+                scored = score(frames, estimates, places_m, self._step_m, degeneracy.alike)
+                degeneracy.add(signatures, scored)
+                yield MethodEstimates(method, signatures, estimates, scored)
+
+    def log_degeneracy(self) -> None:
+        """Warnings of what is degenerate in all queries so far, into the logs."""
+        for degeneracy in self._degeneracies.values():
+            degeneracy.log_queries(self._record)
 
     def cost(self, method: Method) -> MethodCost:
         """The cost of a method, averaged over its queries so far."""

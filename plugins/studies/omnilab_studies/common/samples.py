@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from omnilab.api import Floats, Ints, Metric
@@ -10,6 +13,12 @@ from omnilab.api import Floats, Ints, Metric
 def evenly(count: int, most: int) -> Ints:
     """At most `most` evenly spaced indices into `count` items, the first and the last included."""
     return np.linspace(0, count - 1, min(most, count)).astype(int)
+
+
+def of_known(statistic: Callable[[Floats], Any], values: Floats) -> float:
+    """A statistic of those values (N,) that are finite; NaN if none is."""
+    known = values[np.isfinite(values)]
+    return float(statistic(known)) if len(known) else float("nan")
 
 
 def statistics(name: str, values: Floats, unit: str) -> list[Metric]:

@@ -1,4 +1,4 @@
-"""Estimates scored against the truth: one row per query."""
+"""Estimates scored against the truth, one row per query; and maps and queries that no method can be judged by."""
 
 from __future__ import annotations
 
@@ -9,15 +9,31 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from omnilab.api import Bools, Estimates, Floats, Frames, Ints
+from omnilab.api import Bools, Estimates, Floats, Frames, Ints, Places, Recorder, Signatures, Text
 from omnilab.errors import DataError
 from omnilab.geometry import heading_of
-from omnilab.metrics import TIE_M, distances_to, first_ranks, heading_error, ranks, sharpness, verdicts
+from omnilab.metrics import (
+    TIE_M,
+    distances_to,
+    equal,
+    first_alike,
+    first_ranks,
+    heading_error,
+    is_flat,
+    ranks,
+    sharpness,
+    tie_distance,
+    verdicts,
+)
 
 
 @dataclass(frozen=True)
 class ScoredEstimates:
-    """The estimates for Q queries beside the truth. What a localizer does not give is NaN, a rank is then 0."""
+    """The estimates for Q queries beside the truth. What a localizer does not give is NaN, a rank is then 0.
+
+    Where nothing tells the estimated place from others that are elsewhere, it is one of them by chance: the estimate is
+    not `decided`, counts as the worst of them, and has no heading error.
+    """
 
     plan_index: Ints  # (Q,) in the plan of queries
     stamps_ns: Ints  # (Q,)
@@ -29,7 +45,9 @@ class ScoredEstimates:
     verdict: npt.NDArray[np.str_]  # (Q,)
     rank: Ints  # (Q,) of the truly nearest place, from 1
     known: Bools  # (Q,) whether a place of the map is within the radius: the query has a true place
+    confusable: Bools  # (Q,) whether another is not within it: there is something to be confused with
     correct: Bools  # (Q,) whether the estimated place is one of those
+    decided: Bools  # (Q,) whether it is told from all places elsewhere
     true_rank: Ints  # (Q,) of the first place within it
     sharpness: Floats  # (Q,) C of the distances to all places (thesis, eq. 4.6)
 
@@ -45,8 +63,9 @@ class ScoredEstimates:
 
     @property
     def heading_error_deg(self) -> Floats:
-        """Heading errors (Q,) in [0, 180] degrees."""
-        return np.rad2deg(heading_error(heading_of(self.truth), self.answer_heading_rad))
+        """Heading errors (Q,) in [0, 180] degrees; NaN where the estimate is not decided."""
+        error = np.rad2deg(heading_error(heading_of(self.truth), self.answer_heading_rad))
+        return np.where(self.decided, error, np.nan)
 
     @property
     def has_ranks(self) -> bool:
@@ -59,31 +78,60 @@ class ScoredEstimates:
         return bool(np.isfinite(self.answer_heading_rad).all())
 
 
-def score(frames: Frames, estimates: Estimates, places_m: Floats, radius_m: float) -> ScoredEstimates:
+def score(
+    frames: Frames, estimates: Estimates, places_m: Floats, radius_m: float, alike: Ints | None = None
+) -> ScoredEstimates:
     """Score a localizer's estimates against the poses of the frames, on a map of places (P, 3).
 
-    All places within `radius_m` of a query are true ones, which recall is computed from.
+    All places within `radius_m`, the map's step, of a query are true ones, which recall is computed from. Places of one
+    number in `alike` (P,) have one signature, and none is told from another where a query is equally far from all.
+    DataError for a map of one place, in which every answer would be right.
     """
+    check_apart(places_m, radius_m)
     truth = known_poses(frames.T_world_camera, "queries")
-    unknown = np.full(len(frames), np.nan)
+    unknown, tie_m = np.full(len(frames), np.nan), tie_distance(radius_m)
     to_places = distances_to(truth[:, :3, 3], places_m)
-    true = to_places <= radius_m + TIE_M
-    field, heading = estimates.field, estimates.heading_rad
+    true = to_places <= radius_m + tie_m
+    field, heading, place = estimates.field, estimates.heading_rad, estimates.place
+    or_these = np.zeros_like(true) if alike is None else alike[None, :] == alike[place][:, None]
+    or_these[np.arange(len(frames)), place] = True
+    if field is not None:
+        or_these[is_flat(field)] = True
     return ScoredEstimates(
         plan_index=frames.plan_index,
         stamps_ns=frames.stamps_ns,
         truth=truth,
-        place=estimates.place,
+        place=place,
         answer_m=estimates.position_m,
         answer_heading_rad=unknown if heading is None else heading,
         distance=estimates.distance,
-        verdict=verdicts(to_places, estimates.place),
-        rank=np.zeros(len(frames), int) if field is None else ranks(to_places, field),
+        verdict=verdicts(to_places, place, tie_m, or_these),
+        rank=np.zeros(len(frames), int) if field is None else ranks(to_places, field, tie_m),
         known=np.asarray(true.any(axis=1)),
-        correct=true[np.arange(len(frames)), estimates.place],
+        confusable=np.asarray(~true.all(axis=1)),
+        correct=np.asarray((true | ~or_these).all(axis=1)),
+        decided=_decided(or_these, place, places_m, tie_m),
         true_rank=np.zeros(len(frames), int) if field is None else first_ranks(field, true),
         sharpness=unknown if field is None else sharpness(field),
     )
+
+
+def check_apart(places_m: Floats, step_m: float) -> None:
+    """DataError if all places (P, 3) of a map, with that `omnilab.metrics.spacing`, are one."""
+    if not np.isfinite(step_m) or (step_m < TIE_M and np.linalg.norm(np.ptp(places_m, axis=0)) <= TIE_M):
+        raise DataError(
+            f"all places of the map ({len(places_m)}) are at one position, so that every answer would be right; give places"
+            " that are apart: a smaller step, a larger area, or more images"
+        )
+
+
+def _decided(or_these: Bools, place: Ints, places_m: Floats, tie_m: float) -> Bools:
+    """Which queries (Q,) could only have been answered with places (Q, P) where the estimated one is."""
+    decided = np.ones(len(place), bool)
+    for q in np.flatnonzero(or_these.sum(axis=1) > 1):
+        apart_m = np.linalg.norm(places_m[or_these[q]] - places_m[place[q]], axis=1)
+        decided[q] = apart_m.max() <= tie_m
+    return decided
 
 
 def known_poses(T_world_camera: Floats | None, what: str) -> Floats:
@@ -91,6 +139,83 @@ def known_poses(T_world_camera: Floats | None, what: str) -> Floats:
     if T_world_camera is None:
         raise DataError(f"the {what} have no positions, and this study scores positions; give a positions file")
     return T_world_camera
+
+
+class Degeneracy:
+    """What is degenerate in a map, and in the queries that are localised in it: warnings, in sentences.
+
+    Signatures are equal if every number of them is.
+    """
+
+    def __init__(self, places: Places, name: str = "") -> None:
+        self._places, self._name = places, name  # that of the descriptor, where there are several
+        self.alike = first_alike(places.signatures)  # (P,)
+        self._first: Signatures | None = None  # of the queries
+        self._queries = self._equal = self._of_map = self._undecided = 0
+
+    @property
+    def _all_alike(self) -> bool:
+        """Whether all places have one signature."""
+        return len(self.alike) > 1 and not self.alike.any()
+
+    def add(self, signatures: Signatures, scored: ScoredEstimates) -> None:
+        """Take note of a batch of queries."""
+        if not len(signatures):
+            return
+        self._first = signatures[:1] if self._first is None else self._first
+        answered = self._places.signatures[scored.place]
+        self._queries += len(signatures)
+        self._equal += int(equal(signatures, self._first[np.zeros(len(signatures), int)]).sum())
+        self._of_map += int(equal(signatures, answered).sum())
+        self._undecided += int((~scored.decided).sum())
+
+    def map_warnings(self) -> list[str]:
+        """On the map."""
+        places, again = self._places, np.flatnonzero(self.alike != np.arange(len(self.alike)))
+        found = []
+        if self._all_alike:
+            found.append(
+                f"all {len(places)} places of the map have equal signatures, as black or constant pictures have: no answer"
+                " is better than another, so that none counts as right, and headings are left out"
+            )
+        elif len(again):
+            pair = f"{places.keys[self.alike[again[0]]]} and {places.keys[again[0]]}"
+            found.append(
+                f"{len(again)} of {len(places)} places of the map have the signature of a place before, as copies of a"
+                f" picture or black ones have (the first: {pair}): an answer that could as well be another counts as the worse"
+            )
+        return found
+
+    def query_warnings(self) -> list[str]:
+        """On the queries so far."""
+        found = []
+        if self._queries > 1 and self._equal == self._queries:
+            found.append(
+                f"all {self._queries} queries have equal signatures, as black or constant pictures have: they get one answer"
+            )
+        elif self._undecided and not self._all_alike:
+            found.append(
+                f"{self._undecided} of {self._queries} queries have answers that nothing tells from places elsewhere: each"
+                " counts as the worst of these, and has no heading"
+            )
+        if self._of_map and not self._all_alike:
+            found.append(
+                f"{self._of_map} of {self._queries} queries have exactly the signature of the place that answers them, as"
+                " pictures of the map itself have: to find these again is no achievement; give queries that were taken apart"
+            )
+        return found
+
+    def log_map(self, record: Recorder) -> None:
+        """Warnings on the map, into the logs."""
+        self._log(record, self.map_warnings())
+
+    def log_queries(self, record: Recorder) -> None:
+        """Warnings on the queries, into the logs."""
+        self._log(record, self.query_warnings())
+
+    def _log(self, record: Recorder, sentences: list[str]) -> None:
+        for sentence in sentences:
+            record.log("log", Text(f"{self._name}: {sentence}" if self._name else sentence, "WARN"))
 
 
 def joined_estimates(batches: Sequence[ScoredEstimates]) -> ScoredEstimates:

@@ -9,6 +9,7 @@ import numpy as np
 
 from omnilab.api import Floats, Metric
 from omnilab.metrics import bootstrap
+from omnilab_studies.common.samples import of_known
 from omnilab_studies.common.scores import ScoredEstimates
 
 LEVEL_M = 0.05  # rises below it have no sign that one could miss
@@ -50,7 +51,7 @@ def row_of(result: JointResult, scale: float, step_m: float, rng: np.random.Gene
         "nearest_high": high,
         "within_step_rate": float((away <= step_m).mean()),
         "position_error_median_m": float(np.median(away)),
-        "heading_error_median_deg": float(np.median(result.scored.heading_error_deg)),
+        "heading_error_median_deg": of_known(np.median, result.scored.heading_error_deg),
         "estimate_median_m": _nanmedian(estimate_m),
         "height_error_median_m": _nanmedian(np.abs(estimate_m - result.rise_m)),
         "sign_rate": _sign_rate(result),

@@ -19,7 +19,7 @@ from omnilab_studies.common.grids import grid_poses
 from omnilab_studies.common.localization_run import LocalizationRun, estimate_of
 from omnilab_studies.common.logs import show_frame, start_logs
 from omnilab_studies.common.pose_sources import random_poses
-from omnilab_studies.common.scores import joined_estimates, score
+from omnilab_studies.common.scores import joined_estimates
 from omnilab_studies.common.tables import columns_of, markdown
 
 OFFSET_NS = 100_000_000  # between two heights, in the logs
@@ -67,6 +67,7 @@ class Joint:
         for step, (offset_m, plan) in enumerate(zip(self.offsets_m, plans, strict=True)):
             results.append(_localize(parts, run, plan, offset_m, int(rng.integers(2**32)), step))
             omitted += plan.omitted
+        run.log_degeneracy()
         scale = scale_of(results)
         rows = [row_of(one, scale, self.step_m, rng) for one in results]
         _show(rows, record)
@@ -84,7 +85,7 @@ def _localize(parts: Parts, run: LocalizationRun, plan: Plan, offset_m: float, s
     scored, values, unit = [], [], ""
     for frames in deliver_queries(parts, plan, run.record, seed):
         signatures = describe(parts.descriptor, frames, run.record)
-        scored.append(score(frames, run.locate(signatures), run.places_m, run.step_m))
+        scored.append(run.score(frames, signatures, run.locate(signatures)))
         with run.record.timed("height", len(frames)):
             heights = parts.altimeter.relative(run.pictures(scored[-1].place), frames.images, frames.camera)
         values.append(heights.value)

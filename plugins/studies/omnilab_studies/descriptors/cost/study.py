@@ -22,12 +22,13 @@ from omnilab.api import (
     setting,
 )
 from omnilab.errors import DataError
-from omnilab.metrics import distances_to, verdicts
+from omnilab.metrics import distances_to, first_alike, is_flat, spacing, tie_distance, verdicts
 from omnilab_studies.common.frames import deliver, deliver_queries
 from omnilab_studies.common.grids import check_step_or_every, grid_poses
 from omnilab_studies.common.logs import start_logs
 from omnilab_studies.common.methods import Method, descriptors_of, key_of, methods_of, prepared
 from omnilab_studies.common.pose_sources import random_poses
+from omnilab_studies.common.scores import check_apart
 from omnilab_studies.common.tables import columns_of, markdown
 from omnilab_studies.common.timing import timed
 from omnilab_studies.descriptors.cost import figures
@@ -123,8 +124,12 @@ class Cost:
         index, prepare_s = timed(lambda: method.distance.prepare(described.places))
         runs = [timed(lambda: method.distance.match(described.queries, index)) for _ in range(self.repeats)]
         query_ms = 1e3 * min(seconds for _, seconds in runs) / len(described.queries)
-        answer = runs[0][0].distance.argmin(axis=1)
-        nearest = verdicts(distances_to(queries.position_m, places.position_m), answer) == "nearest"
+        field = runs[0][0].distance
+        answer, step_m, alike = field.argmin(axis=1), spacing(places.position_m), first_alike(described.places)
+        check_apart(places.position_m, step_m)
+        or_these = (alike[None, :] == alike[answer][:, None]) | is_flat(field)[:, None]
+        to_places = distances_to(queries.position_m, places.position_m)
+        nearest = verdicts(to_places, answer, tie_distance(step_m), or_these) == "nearest"
         return {
             "method": method.name,
             "descriptor": method.descriptor_name,

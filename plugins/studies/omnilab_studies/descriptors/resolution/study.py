@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -29,6 +30,7 @@ from omnilab_studies.common.free_area import free_square, poses_with_headings, p
 from omnilab_studies.common.logs import show_signature, start_logs
 from omnilab_studies.common.method_runs import MethodCost, MethodRuns
 from omnilab_studies.common.methods import Method
+from omnilab_studies.common.samples import of_known
 from omnilab_studies.common.scores import ScoredEstimates, joined_estimates, known_poses
 from omnilab_studies.common.tables import columns_of
 from omnilab_studies.descriptors.resolution import figures
@@ -85,6 +87,7 @@ class Resolution:
 
         at, share = positions_within(grid, self.query_count, rng), rng.random(self.query_count)
         scored = self._localize_all(parts, runs, list(sizes), at, share, record)
+        runs.log_degeneracy()
         rows = self._rows(runs, distances, scored)
         curves = _curves(rows)
         _show_rates(record, curves)
@@ -139,8 +142,8 @@ class Resolution:
             "headings": headings,
             "queries": len(scored.verdict),
             **{f"{verdict}_rate": float(np.mean(scored.verdict == verdict)) for verdict in VERDICTS},
-            "heading_error_median_deg": float(np.median(error_deg)),
-            "heading_error_p95_deg": float(np.quantile(error_deg, 0.95)),
+            "heading_error_median_deg": of_known(np.median, error_deg),
+            "heading_error_p95_deg": of_known(partial(np.quantile, q=0.95), error_deg),
             **cost._asdict(),
         }
 

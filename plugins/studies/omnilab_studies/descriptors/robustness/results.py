@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from omnilab.metrics import VERDICTS
 from omnilab_studies.common.disturbance_levels import Level
 from omnilab_studies.common.method_runs import MethodCost, MethodEstimates
 from omnilab_studies.common.methods import key_of
+from omnilab_studies.common.samples import of_known
 from omnilab_studies.common.scores import ScoredEstimates, joined_estimates
 from omnilab_studies.common.tables import columns_of
 
@@ -79,8 +80,8 @@ def _row(name: str, level: Level, scored: ScoredEstimates) -> dict[str, Any]:
         "level": level.value,
         "queries": len(scored.verdict),
         **{f"{verdict}_rate": float(np.mean(scored.verdict == verdict)) for verdict in VERDICTS},
-        "heading_error_median_deg": float(np.median(scored.heading_error_deg)),
-        "heading_error_p95_deg": float(np.quantile(scored.heading_error_deg, 0.95)),
+        "heading_error_median_deg": of_known(np.median, scored.heading_error_deg),
+        "heading_error_p95_deg": of_known(partial(np.quantile, q=0.95), scored.heading_error_deg),
         "position_error_mean_m": float(scored.error_m.mean()),
         "sharpness_mean": float(scored.sharpness.mean()),
     }
@@ -97,7 +98,7 @@ def summary_of(comparison: Comparison, costs: Mapping[str, MethodCost]) -> list[
             **{f"area_{d}": comparison.area(name, d) for d in comparison.disturbances},
             **{f"breakdown_{d}": comparison.breakdown(name, d) for d in comparison.disturbances},
             "sharpness": float(clear[name].sharpness.mean()),
-            "heading_error_median_deg": float(np.median(clear[name].heading_error_deg)),
+            "heading_error_median_deg": of_known(np.median, clear[name].heading_error_deg),
             "bytes_per_place": costs[name].bytes_per_place,
             "describe_ms": costs[name].describe_ms,
             "locate_ms": costs[name].locate_ms,
@@ -114,7 +115,7 @@ def metrics_of(comparison: Comparison, costs: Mapping[str, MethodCost]) -> list[
         found.append(Metric(f"{key}_clear_rate", float(comparison.rates[name][0]), "1"))
         found += [Metric(f"{key}_area_{d}", comparison.area(name, d), "1") for d in comparison.disturbances]
         if scored.has_headings:
-            error = float(np.median(scored.heading_error_deg))
+            error = of_known(np.median, scored.heading_error_deg)
             found.append(Metric(f"{key}_heading_error_median", error, "deg"))
         if np.isfinite(scored.sharpness).all():
             found.append(Metric(f"{key}_sharpness_mean", float(scored.sharpness.mean()), "1"))

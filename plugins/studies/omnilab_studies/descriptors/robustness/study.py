@@ -80,6 +80,7 @@ class Robustness:
         runs = MethodRuns(parts, grid, record)
         comparison = _localize(runs, deliver(parts, plan, record, "queries"), len(plan), levels, record, seed)
         costs = {method.name: runs.cost(method) for method in runs.methods}
+        runs.log_degeneracy()
 
         _show_rates(record, comparison)
         summary = summary_of(comparison, costs)

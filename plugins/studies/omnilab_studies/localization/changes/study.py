@@ -35,6 +35,7 @@ from omnilab_studies.common.logs import show_picture, start_logs
 from omnilab_studies.common.method_runs import MethodRuns
 from omnilab_studies.common.methods import key_of
 from omnilab_studies.common.pose_sources import Source, changed, random_poses
+from omnilab_studies.common.samples import of_known
 from omnilab_studies.common.scores import ScoredEstimates, joined_estimates, known_poses
 from omnilab_studies.common.tables import columns_of, markdown
 from omnilab_studies.localization.changes import figures
@@ -98,6 +99,7 @@ class Changes:
             results[name] = _localize(runs, own, plans[name], record, disturbance_seed, tick)
             record.log("log", Text(name), tick)
 
+        runs.log_degeneracy()
         rows = [_row(m, name, s, rng) for name, result in results.items() for m, s in result.scored.items()]
         _show_rates(record, rows, list(sensors))
         images = {name: result.image for name, result in results.items()}
@@ -172,7 +174,7 @@ def _row(method: str, condition: str, scored: ScoredEstimates, rng: np.random.Ge
         "nearest_or_second_low": low2,
         "nearest_or_second_high": high2,
         "position_error_median_m": float(np.median(scored.error_m)),
-        "heading_error_median_deg": float(np.median(scored.heading_error_deg)),
+        "heading_error_median_deg": of_known(np.median, scored.heading_error_deg),
     }
 
 

@@ -52,7 +52,7 @@ class Queries(Enum):
 class Grid:
     """Study A: describe a grid of places, localise queries, score the estimates (Berenguer, thesis, 4.5.1, fig. 4.13).
 
-    An estimate is `nearest` if no place lies closer to where the query was taken (ties within 1 mm count), `second` if
+    An estimate is `nearest` if no place lies closer to where the query was taken (ties count, see `omnilab.metrics`), `second` if
     it is at the next distance, else `wrong`. Beside the rates: errors of position and heading, the sharpness C of the
     distances over the map (eq. 4.6), and the bytes a place takes. Disturbances apply to the queries, never to the places.
     """

@@ -31,6 +31,7 @@ from omnilab_studies.common.grids import check_step_or_every, grid_poses
 from omnilab_studies.common.logs import show_frame, start_logs
 from omnilab_studies.common.pose_sources import Source
 from omnilab_studies.common.samples import evenly
+from omnilab_studies.common.scores import Degeneracy
 from omnilab_studies.common.tables import markdown_table
 from omnilab_studies.localization.map.layout import LAYOUT
 
@@ -70,6 +71,7 @@ class MapStudy:
         places, omitted = describe_places(parts, plan, record)
         if (T := places.T_world_camera) is not None:
             record.log("places", PlaceMap(T[:, :3, 3], heading_of(T)))
+        Degeneracy(places).log_map(record)
         self._show(parts, plan, places, record)
         metrics = _metrics(places, len(omitted))
         return Report(metrics, map=places, summary=markdown_table(metrics, "Map"), omitted=omitted)
@@ -98,5 +100,6 @@ def _metrics(places: Places, omitted: int) -> list[Metric]:
         Metric("left_out", omitted, "1"),
     ]
     if places.T_world_camera is not None:
-        found.append(Metric("step", spacing(places.T_world_camera[:, :3, 3]), "m"))
+        step_m = spacing(places.T_world_camera[:, :3, 3])
+        found.append(Metric("step", step_m, "m", note="all places are at one position"))
     return found

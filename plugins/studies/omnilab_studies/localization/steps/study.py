@@ -31,6 +31,7 @@ from omnilab_studies.common.logs import show_picture, start_logs
 from omnilab_studies.common.method_runs import MethodCost, MethodRuns
 from omnilab_studies.common.methods import key_of
 from omnilab_studies.common.pose_sources import random_poses
+from omnilab_studies.common.samples import of_known
 from omnilab_studies.common.scores import ScoredEstimates, joined_estimates, known_poses
 from omnilab_studies.common.tables import columns_of, markdown
 from omnilab_studies.localization.steps import figures
@@ -103,6 +104,7 @@ class Steps:
                 for found in runs.localize(frames):
                     batches[found.method.name].append(found.scored)
             scored |= {(name, kind): joined_estimates(own) for name, own in batches.items()}
+        runs.log_degeneracy()
         show_picture(record, frames, 0, tick)
         shown = scored[runs.methods[0].name, ANY]
         record.log("answers", Answers(shown.truth_m, shown.answer_m, list(shown.verdict)), tick)
@@ -132,8 +134,8 @@ def _row(step_m: float, key: tuple[str, str], result: MapResult, rng: np.random.
         **{f"{verdict}_rate": float(np.mean(scored.verdict == verdict)) for verdict in VERDICTS},
         "nearest_low": low,
         "nearest_high": high,
-        "heading_error_mean_deg": float(np.mean(scored.heading_error_deg)),
-        "heading_error_median_deg": float(np.median(scored.heading_error_deg)),
+        "heading_error_mean_deg": of_known(np.mean, scored.heading_error_deg),
+        "heading_error_median_deg": of_known(np.median, scored.heading_error_deg),
         "position_error_median_m": float(np.median(scored.error_m)),
     }
 
