@@ -280,6 +280,25 @@ def test_features_across_the_seam_are_found():
     )
 
 
+def test_sharper_panoramas_show_more_of_a_sharp_camera():
+    camera = EquirectangularCamera(1024, 512)
+    images = frames([seen_from(0, 0, 0, camera), seen_from(0.3, 0.2, 0.4, camera)], camera)
+
+    def agreeing(rows):
+        a, b = PlanarEpipolar(features=1500, panorama_rows=rows).extract(images)
+        pose = relative_pose(a, b, np.random.default_rng(0))
+        assert abs(wrap_angle(pose.phi - 0.4)) < np.deg2rad(1)
+        for features in (a, b):  # the directions are those of the panorama, whatever its size
+            azimuth = np.arctan2(features.directions[:, 1], features.directions[:, 0])
+            np.testing.assert_allclose(wrap_angle(features.azimuth_level[:, 0] - azimuth), 0, atol=1e-5)
+        return pose.agree.sum()
+
+    assert agreeing(256) > 1.3 * agreeing(128)
+    for rows in (31, 2049, 0):
+        with pytest.raises(ConfigError, match=f"panorama_rows={rows} is out of range"):
+            PlanarEpipolar(panorama_rows=rows)
+
+
 def test_surf_features_give_the_motion_too(pair):
     odometry = PlanarEpipolar(detector=Detector.surf, tolerance_deg=1.0)
     a, b, _ = odometry.extract(pair)

@@ -18,14 +18,21 @@ SEAM = 16  # columns repeated on either side, so that features on the seam are f
 DARK = 8  # grey levels: an image in which nothing is brighter is black
 FLAT = 2.0  # grey levels: an image that varies less is flat
 CONTRAST = {"sift": 0.02, "surf": 0.02}  # detection thresholds
+COLUMNS_PER_ROW = PANORAMA_SHAPE[1] // PANORAMA_SHAPE[0]
 BORDER = 6  # pixels around what the camera does not show, where the edge of the black would be a feature
 
 
-def spherical_features(frames: Frames, detector: Detector, count: int, least: int) -> list[ImageFeatures | Unusable]:
-    """The strongest `count` features of each image; an Unusable for a black or flat one, or one with fewer than `least`."""
-    camera = frames.camera
-    valid = _valid_pixels(camera)  # type: ignore[arg-type]  # cameras are frozen dataclasses
-    return [_detect(image, camera, valid, detector, count, least) for image in panorama(to_gray(frames.images), camera)]
+def spherical_features(
+    frames: Frames, detector: Detector, count: int, least: int, rows: int = PANORAMA_SHAPE[0]
+) -> list[ImageFeatures | Unusable]:
+    """The strongest `count` features of each image; an Unusable for a black or flat one, or one with fewer than `least`.
+
+    They are found on panoramas of so many rows, and four times as many columns.
+    """
+    camera, shape = frames.camera, (rows, COLUMNS_PER_ROW * rows)
+    valid = _valid_pixels(camera, shape)  # type: ignore[arg-type]  # cameras are frozen dataclasses
+    panoramas = panorama(to_gray(frames.images), camera, shape)
+    return [_detect(image, camera, valid, detector, count, least) for image in panoramas]
 
 
 def _detect(
@@ -39,7 +46,7 @@ def _detect(
     wide = np.concatenate([image[:, -SEAM:], image, image[:, :SEAM]], axis=1)
     mask = np.concatenate([valid[:, -SEAM:], valid, valid[:, :SEAM]], axis=1)
     uv, vectors = (_sift if detector is Detector.sift else _surf)(wide, mask, count)
-    azimuth_level = _azimuth_level(uv)
+    azimuth_level = _azimuth_level(uv, image.shape)
     directions = _directions(azimuth_level, camera)
     whole = (uv[:, 0] >= -0.5) & (uv[:, 0] < image.shape[1] - 0.5) & np.isfinite(directions).all(axis=1)
     kept = np.flatnonzero(whole)[:count]
@@ -49,9 +56,9 @@ def _detect(
     return ImageFeatures(calibrated, azimuth_level[kept].astype(np.float32), vectors[kept])
 
 
-def _azimuth_level(uv: Floats) -> Floats:
-    """Azimuths and levels (F, 2) of pixels (F, 2) of the panorama."""
-    rows, columns = PANORAMA_SHAPE
+def _azimuth_level(uv: Floats, shape: tuple[int, ...]) -> Floats:
+    """Azimuths and levels (F, 2) of pixels (F, 2) of a panorama of a shape."""
+    rows, columns = shape
     return np.stack([np.mod(2 * np.pi * uv[:, 0] / columns, 2 * np.pi), 1 - (uv[:, 1] + 0.5) / rows], -1)
 
 
@@ -63,11 +70,11 @@ def _directions(azimuth_level: Floats, camera: Camera) -> Floats:
 
 
 @lru_cache(maxsize=8)
-def _valid_pixels(camera: Camera) -> Bools:
+def _valid_pixels(camera: Camera, shape: tuple[int, int]) -> Bools:
     """Mask (H, W) of the panorama's pixels within the camera's frame, eroded by BORDER pixels."""
     import cv2
 
-    rows, columns = PANORAMA_SHAPE
+    rows, columns = shape
     v, u = np.mgrid[:rows, -SEAM : columns + SEAM].astype(float)
     azimuth, level = 2 * np.pi * u / columns, 1 - (v + 0.5) / rows
     pixels = camera.unwrap(azimuth, level)

@@ -58,10 +58,16 @@ class PlanarEpipolar:
     two matches, or from four by the linear equations as printed, and Gauss-Newton refines with their covariance. The
     length is that of matched points of the floor, in heights of the camera above it (metres with `height_m`), or the
     squared POC distance of the Radon transforms (Berenguer, thesis, eq. 6.4-6.5), in its own unit.
+
+    A camera sharper than 128 x 512 pixels over the panorama, such as a 360-degree camera, matches images farther apart with
+    more `panorama_rows` and `features`; both cost time.
     """
 
     detector: Detector = Detector.sift  # or surf, less precise
     features: int = setting(400, at_least=1, at_most=10_000)  # at most so many of each image
+    panorama_rows: int = setting(
+        128, at_least=32, at_most=2048
+    )  # of the panorama that they are found on, 4 columns each
     ratio: float = setting(0.8, above=0, at_most=1)  # a match is so much nearer than the second best
     solver: Solver = Solver.two_point  # minimal; or linear, on four points as printed
     tolerance_deg: float = setting(0.5, above=0, at_most=10)  # of a match from its epipolar plane
@@ -76,7 +82,7 @@ class PlanarEpipolar:
     def extract(self, frames: Frames) -> Sequence[ImageFeatures | Unusable]:
         """Features of each image on the unit sphere; DataError for an uncalibrated camera."""
         check_calibrated(frames.camera, "odometry=appearance")
-        found = spherical_features(frames, self.detector, self.features, self.least_matches)
+        found = spherical_features(frames, self.detector, self.features, self.least_matches, self.panorama_rows)
         if self.length is not Length.poc:
             return found
         transforms = Radon().describe(view_of(frames.images, frames.camera, "mirror", False)).place
