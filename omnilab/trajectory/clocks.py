@@ -10,6 +10,7 @@ from omnilab.api import Ints
 
 SECONDS_OF_TODAY = (10**9, 4 * 10**9)  # times within are taken to be seconds since 1970: 2001 to 2096
 UNITS = {10**9: "nanoseconds", 10**6: "microseconds", 10**3: "milliseconds"}  # in how many a second is divided
+SELDOM_S = 5.0  # no wheels tell so seldom
 DIGITS = {19: 1, 16: 10**3, 13: 10**6}  # of whole numbers that are times since 1970: nanoseconds of their unit
 
 
@@ -58,6 +59,17 @@ def unit_of(seconds: float) -> str | None:
     """The unit that a time since 1970 is in, if it is no second of the years after 2001."""
     found = (unit for factor, unit in UNITS.items() if SECONDS_OF_TODAY[0] <= seconds / factor <= SECONDS_OF_TODAY[1])
     return next(found, None)
+
+
+def about_seldom(stamps_ns: Ints) -> str | None:
+    """The question whether times (N,) between which a robot's pose is interpolated are in another unit than seconds."""
+    apart = float(np.median(np.diff(stamps_ns))) / 10**9 if len(stamps_ns) > 1 else 0.0
+    if apart < SELDOM_S:
+        return None
+    return (
+        f"its poses are {apart:.4g} s apart, and what lies between is interpolated; if its times are in milliseconds (stamp_ms in"
+        " a CSV) or microseconds (stamp_us), divide them to seconds"
+    )
 
 
 def stamps_of_names(names: list[str]) -> Ints | None:

@@ -53,6 +53,11 @@ class PoseTable:
         if found := misnamed(self.header, self.lines[0][1]):
             raise DataError(f"{file} has a column {found[0]!r}, which is not read; {found[1]}, or remove it")
 
+    @property
+    def is_trajectory(self) -> bool:
+        """Whether it has the columns of TUM's or KITTI's format, and no others."""
+        return tuple(self._written) in {TUM_ROW, KITTI_ROW}
+
     def has(self, column: str) -> bool:
         """Whether there is a column of that name."""
         return column in self.header

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,6 +17,8 @@ from omnilab.geometry import planar_poses
 from omnilab.posegraph.graph import inverse, vectors
 from omnilab.trajectory import clocks, plausibility
 from omnilab.trajectory.files import read_trajectory
+
+log = logging.getLogger("omnilab")
 
 
 class Reading(NamedTuple):
@@ -93,6 +96,8 @@ class Recorded:
         path = read_trajectory(Path(self.file), level=True)
         plausibility.warn(self.file, path)
         stamps = path.stamps_ns
+        if stamps is not None and (seldom := clocks.about_seldom(stamps)):
+            log.warning("%s: %s", self.file, seldom)
         if stamps is not None and (np.diff(stamps) <= 0).any():
             row = int(np.argmax(np.diff(stamps) <= 0)) + 2
             raise DataError(f"pose {row} of {self.file} is not later than the one before it; sort the file by time")

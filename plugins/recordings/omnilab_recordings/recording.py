@@ -13,11 +13,11 @@ import numpy as np
 from omnilab.api import Bools, GridPoses, Ints, NamedPath, PathPoses, PoseRequest, RecordedPoses
 from omnilab.errors import ConfigError, DataError
 from omnilab.file_kinds import how_to_export, kind_of_file
+from omnilab.trajectory.tables import read_table
 from omnilab_recordings.images.files import SUFFIXES, as_on_disk, existing, image_names
 from omnilab_recordings.poses.filename_poses import Naming, positions_of
 from omnilab_recordings.poses.grid import PositionGrid, find_grid, on_grid
-from omnilab_recordings.poses.positions import Positions, read_positions
-from omnilab_recordings.poses.trajectory_poses import SUFFIXES as TRAJECTORIES
+from omnilab_recordings.poses.positions import Positions, positions_in
 from omnilab_recordings.poses.trajectory_poses import poses_of_images
 
 POSITIONS_FILE = "positions.csv"
@@ -137,11 +137,12 @@ def _positions_of(folder: Path, positions: str | None, found: Sequence[str]) -> 
     if positions is None:
         return None
     file = existing(folder / positions)
-    if file.is_file():
-        return poses_of_images(file, found) if file.suffix.lower() in TRAJECTORIES else read_positions(file)
-    if positions == POSITIONS_FILE:  # the default
-        return None
-    raise DataError(f"the positions file {folder / positions} does not exist; give sensor.positions=FILE or null")
+    if not file.exists():
+        if positions == POSITIONS_FILE:  # the default
+            return None
+        raise DataError(f"the positions file {folder / positions} does not exist; give sensor.positions=FILE or null")
+    table = read_table(file)
+    return poses_of_images(table, found) if table.is_trajectory else positions_in(table)
 
 
 def _check_no_file(folder: Path, positions: str | None) -> None:

@@ -24,9 +24,10 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, poses, quaternion_xyzw, rotation_xyz, wrap_angle
 from omnilab.image import mirror_view, panorama
 from omnilab.trajectory.files import kitti_text
+from omnilab.trajectory.tables import read_table
 from omnilab_recordings import Folder
 from omnilab_recordings.folder import OnBadImage
-from omnilab_recordings.poses.positions import read_positions
+from omnilab_recordings.poses.positions import positions_in
 from omnilab_recordings.poses.trajectory_poses import poses_of_images
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
@@ -160,7 +161,7 @@ angles = st.tuples(*[st.floats(-180, 180)] * 3)
 def poses_of(path, header, values):
     file = path / "positions.csv"
     file.write_text(f"image,x_m,y_m,z_m,{header}\na.png,0.1,0.2,0.3,{','.join(map(repr, map(float, values)))}\n")
-    return read_positions(file).R_world_robot[0]
+    return positions_in(read_table(file)).R_world_robot[0]
 
 
 @given(angles)
@@ -282,8 +283,20 @@ def test_a_trajectory_goes_with_stamps_in_names(tmp_path_factory, ticks, off_ms,
     lines = [f"{ms / 1000:.3f} {ms} 0 0 0 0 0 1" for ms in stamps_ms]
     shuffle.shuffle(lines)
     file.write_text("\n".join(lines))
-    found = poses_of_images(file, [f"{(ms + off_ms) / 1000:.6f}.png" for ms in stamps_ms])
+    found = poses_of_images(read_table(file), [f"{(ms + off_ms) / 1000:.6f}.png" for ms in stamps_ms])
     assert found.position_m[:, 0].tolist() == stamps_ms
+
+
+def test_a_table_is_read_by_what_it_holds(write_tum, tmp_path):
+    sensor = write_tum(["b.png", "a.png"], [])
+    (tmp_path / "poses.txt").write_text("image,x_m,y_m\nb.png,1,2\na.png,3,4\n")
+    plan = replace(sensor, positions="poses.txt").plan(RecordedPoses())
+    assert plan.keys == ["b.png", "a.png"]  # by their names, not in their order
+    (tmp_path / "positions.csv").write_text("0 1 2 3 0 0 0 1\n1 4 5 6 0 0 0 1\n")
+    assert replace(sensor, positions="positions.csv").plan(RecordedPoses()).T_world_camera[:, 0, 3].tolist() == [1, 4]
+    (tmp_path / "bag").mkdir()
+    with pytest.raises(DataError, match=r"bag is a folder, and no text of poses"):
+        replace(sensor, positions="bag").plan(RecordedPoses())
 
 
 @pytest.mark.parametrize("name", ["1700000000600000000", "1700000000600000", "1700000000600", "1700000000.6"])

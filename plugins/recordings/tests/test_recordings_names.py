@@ -103,12 +103,22 @@ def test_names_that_cannot_be_meant(settings, sentence):
 @pytest.mark.parametrize(("files", "names", "sentence"), [
     (["a_1_2.png", "b.png", "c.png"], "bielefeld", r"2 of 3 image names do not match names=.* \(b\.png, c\.png\); .*narrow sensor\.pattern"),
     (["@1@2@3@4@5@6@7@8@90@.jpg", "@2@2@3@4@5@6@7@8@@.jpg"], "utm", r"1 of 2 image names do not have a value for heading_deg \(@2@2"),
+    (["1403636579763555584_1.png"], r"(?P<stamp_s>\d+)_(?P<x_m>\d+)", r"stamp_s='1403636579763555584', which is too large for seconds and looks like nanoseconds"),
     (["@1@two@.jpg"], "utm", r"has y_m='two', which is no number"),
     (["a_1_2.png", "b_1_2.png"], "bielefeld", r"a_1_2\.png and b_1_2\.png have one pose by their names; .*\?P<view>"),
 ])  # fmt: skip
 def test_names_that_give_no_pose(write_names, files, names, sentence):
     with pytest.raises(DataError, match=sentence):
         Folder(write_names(files), names=names).plan(RecordedPoses())
+
+
+@pytest.mark.parametrize(("names", "sentence"), [
+    (r"(?P<x_m>\d+)_(?P<x_cm>\d+)", "gives the x twice, as x_m and x_cm; leave one out"),
+    (r"(?P<yaw_rad>\d+)_(?P<heading_deg>(?P<x_m>\d+))", "gives the heading twice, as yaw_rad and heading_deg"),
+])  # fmt: skip
+def test_names_that_give_one_thing_twice(write_names, names, sentence):
+    with pytest.raises(ConfigError, match=sentence):
+        Folder(write_names(["a_1_2.png"]), names=names).plan(RecordedPoses())
 
 
 def test_names_and_a_positions_file_are_one_too_many(write_names, tmp_path):

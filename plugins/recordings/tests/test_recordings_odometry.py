@@ -96,6 +96,18 @@ def test_wheels_in_another_unit_of_time(tmp_path, factor, unit):
         Recorded(str(tmp_path / "wheels.csv")).extract(images)
 
 
+def test_wheels_are_asked_about_like_a_folder(tmp_path, caplog):
+    angle = 2 * np.pi * np.arange(20) / 20
+    rows = "".join(f"{a * 1000:.0f},{np.cos(a):.5f},{np.sin(a):.5f},{-np.rad2deg(a):.3f}\n" for a in angle)
+    odometry = table(tmp_path, f"stamp_s,x_m,y_m,yaw_deg\n{rows}")
+    images = frames()
+    images.stamps_ns[:] = np.array([0, 1, 2]) * 10**9
+    odometry.extract(images)
+    assert [message.removeprefix(str(tmp_path / "wheels.csv: "))[:50] for message in caplog.messages] == [
+        "headings turn against the path; if they run clockw", "its poses are 314 s apart, and what lies between i",
+    ]  # fmt: skip
+
+
 def test_wheels_that_start_late_are_waited_for(tmp_path):
     odometry = tum(tmp_path / "wheels.tum", [(t, t, 0, 0) for t in range(5, 15)])
     assert np.isnan(odometry.extract(frames((0,)))[0].pose).all()

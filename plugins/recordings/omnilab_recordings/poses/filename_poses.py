@@ -13,6 +13,7 @@ import numpy as np
 from omnilab.api import Floats, Ints
 from omnilab.errors import ConfigError, DataError, did_you_mean
 from omnilab.geometry import rotation_xyz
+from omnilab.trajectory.clocks import unit_of
 from omnilab.trajectory.columns import HEADINGS, LENGTHS, STAMPS
 from omnilab.trajectory.lookalikes import remedy_for
 from omnilab_recordings.poses.positions import Positions
@@ -156,7 +157,9 @@ def _number(image: str, group: str, text: str, times: int = 1) -> Decimal:
     except InvalidOperation:
         value = Decimal("nan")
     if not (value.is_finite() and abs(value) < 2**63):
-        raise DataError(f"{image} has {group}={text!r}, which is no number; mend sensor.names or the file's name")
+        unit = unit_of(float(text)) if group == "stamp_s" and value.is_finite() else None
+        remedy = f"is too large for seconds and looks like {unit}" if unit else "is no number"
+        raise DataError(f"{image} has {group}={text!r}, which {remedy}; mend sensor.names or the file's name")
     return value
 
 

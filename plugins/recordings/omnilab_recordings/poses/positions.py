@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 from omnilab.api import Floats, Ints
 from omnilab.errors import DataError
-from omnilab.trajectory.tables import read_table
+from omnilab.trajectory.tables import PoseTable
 
 
 @dataclass(frozen=True)
@@ -31,11 +30,10 @@ class Positions:
         return replace(self, R_world_robot=self.R_world_robot.swapaxes(1, 2))
 
 
-def read_positions(file: Path) -> Positions:
-    """The rows of a CSV with a column `image`; its other columns are those of `omnilab.trajectory.columns`, without
+def positions_in(table: PoseTable) -> Positions:
+    """The rows of a table with a column `image`; its other columns are those of `omnilab.trajectory.columns`, without
     z_m at height 0. DataError names the line of a value that is missing, not finite or not a number.
     """
-    table = read_table(file)
     images = table.images()
     position_m = table.position_m(level=True)
     return Positions(images, position_m, table.rotations(lenient=True), table.cells(), table.stamps_ns(), table.turn)

@@ -12,26 +12,24 @@ import numpy as np
 from omnilab.api import Ints
 from omnilab.errors import DataError
 from omnilab.trajectory import clocks
-from omnilab.trajectory.files import read_trajectory
+from omnilab.trajectory.tables import PoseTable
 from omnilab_recordings.poses.positions import Positions
 
-SUFFIXES = frozenset({".txt", ".tum", ".kitti"})
 NEAR_NS = 20_000_000  # between the stamp of an image and of its pose: the benchmark's own tolerance
 AS_SECONDS = "name the images by their stamps in seconds (1305031102.175304.png)"
 
 
-def poses_of_images(file: Path, images: Sequence[str]) -> Positions:
-    """Poses of images (N,) by a trajectory.
+def poses_of_images(table: PoseTable, images: Sequence[str]) -> Positions:
+    """Poses of images (N,) by a trajectory, which has no column for them.
 
     Images named by their stamp, in seconds with a point (1305031102.175304.png) or in whole milli-, micro- or nanoseconds
     since 1970, take the pose nearest in time, others the poses in their order. DataError names the line that is no pose,
     or the images that have none.
     """
-    found = read_trajectory(file, lenient=True)
-    T, stamps_ns = found.T_world_camera, found.stamps_ns
-    rows = _rows(file, images, len(T), stamps_ns)
+    position_m, R, stamps_ns = table.position_m(), table.rotations(lenient=True), table.stamps_ns()
+    rows = _rows(table.file, images, len(R), stamps_ns)
     stamps = None if stamps_ns is None else stamps_ns[rows]
-    return Positions(list(images), T[rows, :3, 3], T[rows, :3, :3], None, stamps, found.turn)
+    return Positions(list(images), position_m[rows], R[rows], None, stamps, table.turn)
 
 
 def _rows(file: Path, images: Sequence[str], count: int, stamps_ns: Ints | None) -> Ints:
