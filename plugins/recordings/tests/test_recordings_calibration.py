@@ -226,7 +226,7 @@ def test_depth_comes_along(with_depth):
     (lambda file: file.write_bytes(file.read_bytes()[:-8]), r"depth/1\.npy is no depth"),
     (lambda file: np.save(file, np.zeros((16, 21), np.float32)), r"float32 \(16, 20\) \(it holds float32 \(16, 21\)\)"),
     (lambda file: np.save(file, np.zeros((16, 20))), r"it holds float64"),
-    (lambda file: np.save(file, np.array([{"an": "object"}]), allow_pickle=True), r"it holds object"),
+    (lambda file: np.save(file, np.array([{"an": "object"}]), allow_pickle=True), r"of object"),
 ])  # fmt: skip
 def test_depth_that_is_none(with_depth, damage, sentence):
     sensor, _ = with_depth
