@@ -2,6 +2,7 @@
 
 import json
 import logging
+import re
 from pathlib import Path
 
 import cv2
@@ -274,6 +275,32 @@ def test_ros_rational_and_equidistant(written):
 # ------------------------------------------------------------------------------------------ Camodocal, OCamCalib's Python
 def test_kitti_360_s_mei(written):
     assert shows(load_camera(written(KITTI_360), looks="ahead"), omni())
+
+
+def test_a_fisheye_of_more_than_180_degrees_is_seen_to_its_edge(written):
+    """Numbers as KITTI-360's: 185 degrees, the circle touching the frame, to a millionth of a pixel and back."""
+    numbers = {
+        "xi": 2.2,
+        "k1": 0.017,
+        "k2": 1.65,
+        "p1": 4e-4,
+        "p2": 4e-4,
+        "gamma1": 1336,
+        "gamma2": 1336,
+        "u0": 717,
+        "v0": 706,
+    }
+    text = KITTI_360.replace("752", "1400").replace("480", "1400")
+    for name, value in numbers.items():
+        text = re.sub(rf"{name}: \S+", f"{name}: {value}", text)
+    camera = load_camera(written(text), looks="up")
+    v, u = np.mgrid[:1400:97, :1400:97]
+    uv = np.stack([u, v], -1).reshape(-1, 2).astype(float)
+    uv = uv[np.hypot(*(uv - [717, 706]).T) < 680]
+    rays = camera.directions(uv)
+    assert np.isfinite(rays).all()
+    assert np.abs(camera.pixels(rays) - uv).max() < 1e-6
+    assert rays[:, 2].min() < 0
 
 
 def test_camodocal_s_pinholes_and_fisheye(written):

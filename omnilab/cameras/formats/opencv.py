@@ -50,6 +50,10 @@ def calibration(entry: Entry, distortion: str | None) -> CameraParameters:
     if fx == fy == 0:
         raise DataError(f"{entry.title} has a {matrix} of zeros: this camera was not calibrated; calibrate it first")
     _check_whole_frame(entry)
+    if lens is None:
+        raise DataError(
+            f"{entry.title} has no distortion_coefficients; write [0, 0, 0, 0, 0] if the lens has no distortion"
+        )
     plane = {"fx": fx, "fy": fy, "cx": cx, "cy": cy}
     size = _size(entry)
     unused = _unused(entry)
@@ -64,10 +68,10 @@ def calibration(entry: Entry, distortion: str | None) -> CameraParameters:
     return CameraParameters(BrownConradyCamera, plane | _named(entry, lens, RADTAN, "pinhole"), size, unused)
 
 
-def _lens_of(entry: Entry, lens: str | None, distortion: str | None) -> str:
+def _lens_of(entry: Entry, lens: str, distortion: str | None) -> str:
     """radtan or equidistant: as the file says, or else the user."""
     says = _said_lens(entry)
-    if says is None and lens is not None and entry.count(lens) != 4:
+    if says is None and entry.count(lens) != 4:
         says = "radtan"  # a fisheye has four
     if says is None and distortion is None:
         raise ConfigError(
@@ -95,9 +99,9 @@ def _said_lens(entry: Entry) -> str | None:
     return None
 
 
-def _named(entry: Entry, lens: str | None, names: tuple[str, ...], model: str) -> dict[str, float]:
+def _named(entry: Entry, lens: str, names: tuple[str, ...], model: str) -> dict[str, float]:
     """The coefficients by name; those beyond, of thin prisms and tilted sensors, must be 0."""
-    if lens is None or entry.count(lens) == 0:
+    if entry.count(lens) == 0:
         return {}
     allowed = {"omnidir": (4,), "fisheye": (4,), "pinhole": (4, 5, 8, 12, 14)}[model]
     values = entry.numbers(lens, *allowed)

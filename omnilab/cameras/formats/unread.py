@@ -45,6 +45,7 @@ TEXTS = (  # a regular expression that finds, in the first lines of a text, what
         "KITTI's calib file",
         "its pictures are rectified: a BrownConradyCamera in a camera.json",
     ),
+    (r"^(Pinhole|FOV|RadTan|EquiDistant|KannalaBrandt) [-\d.]+ [-\d.]+ ", "DSO's camera.txt", NUMBERS),
     (r"^# oST version", "ROS's ost.txt", "give ost.yaml, which the calibrator writes beside it"),
     (r"^Calibration results|^Camera-system parameters", "a report of Kalibr", "give the camchain.yaml beside it"),
 )
