@@ -82,7 +82,7 @@ def refused(tmp_path):
     (b"\x80\x04\x95\x10", "calibration.pkl", "a Python pickle, which is never read", "as YAML"),
     (b"\x1f\x8b\x08\x00", "calibrationdata.tar.gz", "is compressed by gzip", "ost.yaml"),
     (b"\x89PNG\r\n\x1a\n", "0.png", "is a PNG picture", "describes its camera"),
-    (b"\x01\x02\x00\x03", "calibration.bin", "is binary, no text", "give a camera.json"),
+    (b"\x01\x02\x00\x03", "calibration.bin", "is .*binary", "give a camera.json"),
     ("<?xml version='1.0'?>\n<opencv_storage>\n</opencv_storage>", "c.xml", "is OpenCV's XML", "ends in .yml"),
     ("<?xml version='1.0'?>\n<sdf version='1.6'><world/></sdf>", "a.world", "is a Gazebo world", "camera_info"),
     ("<robot name='r'/>", "a.urdf", r"is a robot's description \(URDF\)", "camera_info"),
