@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from omnilab.errors import DataError
 from omnilab_mirror.scene.load import load_world
+from omnilab_mirror.scene.meshes import glb as glb_module
 from omnilab_mirror.scene.meshes import mesh_file
 from omnilab_mirror.scene.meshes.mesh_file import read_mesh
 
@@ -146,6 +147,14 @@ def test_a_mesh_that_many_nodes_show_is_read_once(read_glb, new_glb):
     assert len(mesh.triangles) == 10_000
     assert mesh.triangles.bounds[1, 0] == pytest.approx(5.0 * 4_999 + 4)
     assert len(set(mesh.triangles.name.tolist())) == 5_000  # each is an object of its own
+
+
+def test_too_many_nodes_are_refused_before_they_are_placed(read_glb, new_glb, monkeypatch):
+    monkeypatch.setattr(glb_module, "MAX_NODES", 10)
+    glb = new_glb()
+    glb.json["nodes"] = [{}] * 11
+    with pytest.raises(DataError, match="it has 11 nodes, up to 10 are read"):
+        read_glb(glb)
 
 
 def test_instances_beyond_the_limit_are_refused_before_they_are_made(read_glb, new_glb, monkeypatch):

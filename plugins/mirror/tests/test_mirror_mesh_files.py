@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import logging
+import os
 import re
 from pathlib import Path
 
@@ -100,6 +101,9 @@ def test_a_file_that_is_not_there(tmp_path):
         ("../outside.png", "outside the folder"),
         ("broken.png", "cannot identify"),
         ("cut.png", "[Tt]runcated|broken"),
+        ("pipe.png", "no regular file"),
+        ("folder.png", "no regular file"),
+        ("program.png", "cannot identify"),
     ],
 )
 def test_grey_stands_in_for_textures_that_cannot_be_had(write, tmp_path, caplog, texture, reason):
@@ -110,6 +114,9 @@ def test_grey_stands_in_for_textures_that_cannot_be_had(write, tmp_path, caplog,
     (tmp_path / "outside.png").write_bytes(stream.getvalue())
     (folder / "cut.png").write_bytes(stream.getvalue()[:4000])
     (folder / "broken.png").write_bytes(b"this is no picture")
+    (folder / "program.png").write_bytes(b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n")
+    (folder / "folder.png").mkdir()
+    os.mkfifo(folder / "pipe.png")
     write(f"newmtl it\nKd 1 1 1\nmap_Kd {texture}\n", "mesh/a.mtl")
     with caplog.at_level(logging.WARNING, logger="omnilab"):
         world = load_world(write(OBJ, "mesh/a.obj"))

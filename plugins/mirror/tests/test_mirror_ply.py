@@ -296,5 +296,10 @@ def test_whole_numbers_that_a_type_cannot_hold(read):
         read(data.replace(b"3 0 1 2", b"-3 0 1 2"))
 
 
+def test_clouds_of_points_are_named(read):
+    with pytest.raises(DataError, match="holds no triangles, but 6 points; make a mesh of them"):
+        read(ply("ascii", [("vertex", XYZ, POINTS)]))
+
+
 def test_faces_of_two_corners_are_counted(read):
     assert read(room(faces=[[0, 1, 2, 3], [0, 1], []])).notes == ["2 faces of fewer than three corners were left out"]

@@ -188,16 +188,29 @@ def read(file: Path, data: bytes) -> Section:
         raise DataError(
             f"{file} has {len(data)} bytes; a world file may have {MAX_BYTES}, split the world or shorten it"
         )
+    _check_text(file, data)
     try:
         _check_shape(file, data)
         node = yaml.compose(data, Loader=yaml.CSafeLoader)
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         mark = getattr(error, "problem_mark", None)
         where = f", line {mark.line + 1}" if mark else ""
-        raise DataError(f"{file}{where}: {_cause(error)}; a world file is YAML text") from None
+        tab = mark is not None and b"\t" in b"".join(data.splitlines()[mark.line : mark.line + 1])
+        cause = "a tab is in it, and YAML is indented by blanks" if tab else _cause(error)
+        raise DataError(f"{file}{where}: {cause}; a world file is YAML text") from None
     if node is None:
         raise DataError(f"{file} is empty; a world file lists at least 'map_m' and 'objects'")
     return Section(file, "the world", node)
+
+
+def _check_text(file: Path, data: bytes) -> None:
+    if data[:2] in {b"\xff\xfe", b"\xfe\xff"}:  # UTF-16, which YAML may be
+        return
+    try:
+        data.decode()
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise DataError(f"{file}, line {line}: a letter is not in UTF-8; save the world file as UTF-8 text") from None
 
 
 def _check_shape(file: Path, data: bytes) -> None:

@@ -17,6 +17,8 @@ from omnilab_mirror.scene.meshes.triangles import Triangles
 TRIANGLES, STRIP, FAN = 4, 5, 6
 DRACO = "KHR_draco_mesh_compression"
 INSTANCES = "EXT_mesh_gpu_instancing"
+MAX_NODES = 1_000_000
+UNMOVED = np.eye(4)
 BENT = "meshes are bent by bones or morphs, and are shown as they are without"
 
 
@@ -53,6 +55,8 @@ def read_glb(data: bytes, materials: MeshMaterials, limit: int) -> Iterator[Tria
 def _placed(gltf: Gltf) -> dict[int, list[Floats]]:
     """Where the scene's nodes show each mesh: matrices (4, 4). Nodes are a forest, as glTF 2.0 has it (3.5.2)."""
     nodes = gltf.json.get("nodes", [])
+    if len(nodes) > MAX_NODES:
+        raise GltfError(f"it has {len(nodes)} nodes, up to {MAX_NODES} are read")
     scenes = gltf.json.get("scenes", [])
     if scenes:
         roots = gltf.item("scenes", gltf.json.get("scene", 0)).get("nodes", [])
@@ -62,7 +66,7 @@ def _placed(gltf: Gltf) -> dict[int, list[Floats]]:
         roots = [i for i in range(len(nodes)) if i not in below]
     placed: dict[int, list[Floats]] = {}
     seen: set[int] = set()
-    waiting = [(root, np.eye(4)) for root in reversed(roots)]
+    waiting = [(root, UNMOVED) for root in reversed(roots)]
     while waiting:
         index, above = waiting.pop()
         node = gltf.item("nodes", index)
@@ -84,9 +88,9 @@ def _matrix(node: dict[str, Any]) -> Floats:
     """A node's own transform (4, 4)."""
     if "matrix" in node:
         return numbers(node["matrix"], 16).reshape(4, 4).T
-    T = np.eye(4)
     if not node.keys() & {"rotation", "scale", "translation"}:
-        return T
+        return UNMOVED
+    T = np.eye(4)
     x, y, z, w = numbers(node.get("rotation"), 4, [0, 0, 0, 1])
     n = x * x + y * y + z * z + w * w
     if n == 0:

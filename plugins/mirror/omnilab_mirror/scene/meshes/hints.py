@@ -13,7 +13,7 @@ from omnilab_mirror.scene.quads import Area
 SETTING = "sensor.{}={}"  # how a setting of a mesh file that is a world is written
 ENTRY = "{}: {}"  # and that of one among the objects of a world file
 UNITS = {"centimetres": 0.01, "inches": 0.0254, "millimetres": 0.001}
-TALLEST_M = 100.0  # what is higher is asked about
+TALLEST_M = 50.0  # what is higher is asked about
 HIGHEST_ROOM_M = 30.0  # of a world file
 SMALLEST_M = 1.0  # and, where it is all of the world, what is smaller
 ROOM_M = 2.7  # a storey

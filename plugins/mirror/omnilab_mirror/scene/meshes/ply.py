@@ -26,8 +26,10 @@ def read_ply(data: bytes, materials: MeshMaterials, limit: int) -> Iterator[Tria
         comments, elements = elements_of(data, limit)
         vertices = elements.get("vertex", Element({}, 0))
         vertex, counts, faces = _polygons(elements)
-        if not len(counts):
-            return
+        if not len(counts) and vertices.rows:
+            raise DataError(
+                f"{materials.file} holds no triangles, but {vertices.rows} points; make a mesh of them, with faces"
+            )
         if np.maximum(counts - 2, 0).sum() > limit:
             raise DataError(
                 f"{materials.file} has {np.maximum(counts - 2, 0).sum()} triangles, {limit} may be read; decimate the mesh"
