@@ -170,13 +170,34 @@ def _check_slot(path: str, kind: str, value: Any, registry: Registry) -> None:
 
 def again(saved: Mapping[str, Any], manifest: Mapping[str, Any], registry: Registry) -> Run:
     """The run that a saved configuration and manifest describe, with the components that are installed now."""
+    _check_saved(saved, manifest)
     config = OmegaConf.structured(Run)
     for name in saved.keys() - KINDS.keys() - DICTS.keys():
-        config[name] = literal(saved[name])
+        try:
+            config[name] = literal(saved[name])
+        except OmegaConfBaseException as error:
+            raise DataError(
+                f"the run's config.yaml has {name}={saved[name]}, which does not fit; run it anew"
+            ) from error
     for path, kind, settings in components_of(saved):
         if settings is not None:
             OmegaConf.update(config, path, _component(path, kind, settings, manifest, registry))
     return build(config, registry)
+
+
+def _check_saved(saved: Mapping[str, Any], manifest: Mapping[str, Any]) -> None:
+    """DataError if what a run saved does not say what its components are and how they were set."""
+    for name in saved.keys() & DICTS.keys():
+        if not isinstance(saved[name], dict):
+            raise DataError(
+                f"the run's config.yaml has {name}={saved[name]}, and components by name belong there; run it anew"
+            )
+    named = manifest.get("components")
+    for path, _, settings in components_of(saved):
+        used = named.get(path) if isinstance(named, dict) else None
+        words = isinstance(used, dict) and all(isinstance(used.get(key), str) for key in ("name", "distribution"))
+        if settings is not None and not (words and isinstance(settings, dict)):
+            raise DataError(f"the run's config.yaml and manifest.json do not say what its {path} was; run it anew")
 
 
 def _component(

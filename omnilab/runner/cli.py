@@ -216,8 +216,11 @@ def _described(run: LoadedRun) -> list[str]:
 
 def repeat(argv: list[str]) -> int:
     """Run a run's configuration and seed again, and say whether the metrics are the same (exit code 1 if not)."""
-    options = _run_parser("omnilab repeat", repeat.__doc__).parse_args(argv)
+    parser = _run_parser("omnilab repeat", repeat.__doc__)
+    parser.add_argument("--logs", default="logs", metavar="DIR", help="where the new run goes (default: logs)")
+    options = parser.parse_args(argv)
     from omnilab.runner.build import again
+    from omnilab.runner.config import Settings
     from omnilab.runner.execute import execute
 
     registry = discover_loudly()
@@ -228,8 +231,11 @@ def repeat(argv: list[str]) -> int:
         raise DataError(
             f"{options.run} did not finish ({first.state}), so there is nothing to compare with; run it anew"
         )
-    run = again(first.config, first.manifest, registry)
-    name = str(first.manifest["experiment"])
+    name = first.manifest["experiment"]
+    if not re.fullmatch(r"[\w-]+(/[\w-]+)*", name):
+        raise DataError(f"{first.folder / 'manifest.json'} names the experiment '{name}', which is no name; correct it")
+    where = {"logs": options.logs, "cache": first.config.get("cache") and Settings.cache}  # never as a file says
+    run = again(first.config | where, first.manifest, registry)
     folder = Path(run.logs) / name / new_folder_name()
     execute(run, folder, registry, first.manifest["overrides"], name)
     show_run(folder)
