@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, cast, get_type_hints
@@ -148,6 +148,20 @@ def _refuse_out_of_range(settings: DictConfig, path: str) -> None:
             values[name] = OmegaConf.to_container(value) if OmegaConf.is_config(value) else value
     if wrong := out_of_range(cls, values, path):
         raise ConfigError(wrong)
+    for name, value in values.items():
+        if any("\0" in text for text in _texts(value)):
+            raise ConfigError(f"{path}{name} holds the character NUL, which no name and no path has; leave it out")
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """Every text in a value, its lists and its dictionaries."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict):
+        yield from _texts([*value, *value.values()])
+    elif isinstance(value, list):
+        for each in value:
+            yield from _texts(each)
 
 
 def _check_slot(path: str, kind: str, value: Any, registry: Registry) -> None:

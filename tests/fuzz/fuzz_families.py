@@ -8,7 +8,8 @@ from pathlib import Path
 
 import cv2
 import fuzz_formats
-from fuzz_formats import FORMATS, Format
+from fuzz_formats import Format
+from fuzz_more_formats import ALL
 from fuzz_settings import BASES, Constructed, runs
 
 Use = Callable[[str], None]
@@ -23,7 +24,7 @@ def _format(how: Format, folder: Path) -> Use:
 
 
 FAMILIES: dict[str, Callable[[Path], Use]] = {
-    **{name: partial(_format, how) for name, how in FORMATS.items()},
+    **{name: partial(_format, how) for name, how in ALL.items()},
     "settings": Constructed,
     **{f"runs_{name}": runs(name) for name in BASES},
 }

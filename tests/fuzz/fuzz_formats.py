@@ -68,6 +68,7 @@ class Format:
     file: str
     write: Callable[[Path], None]  # into an empty folder
     read: Callable[[Path], Any]  # the folder; raises Broken where the result is not sound
+    mutate: Callable[[bytes, Random], bytes] = mutated
 
     def prepare(self, folder: Path) -> bytes:
         """Write the folder: the sound bytes of the file."""
@@ -77,7 +78,7 @@ class Format:
 
     def fuzz(self, folder: Path, sound: bytes, seed: str) -> None:
         """Mutate the file, as the seed says, and read it."""
-        (folder / self.file).write_bytes(mutated(sound, Random(seed)))
+        (folder / self.file).write_bytes(self.mutate(sound, Random(seed)))
         self.read(folder)
 
 

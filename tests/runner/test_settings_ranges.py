@@ -9,15 +9,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from omegaconf import OmegaConf
 
 from omnilab.api import RandomPoses, check_settings, setting
 from omnilab.api.settings import LARGEST, LARGEST_COUNT, Range, ranges_of
 from omnilab.errors import ConfigError, DataError
+from omnilab.runner.build import build
 from omnilab.runner.cli import settings_of
-from omnilab.runner.config import Settings
+from omnilab.runner.config import Run, Settings
 from omnilab.runner.registry import discover
 from omnilab_appearance import Radon
 from omnilab_mirror import Mirror
+from omnilab_studies import MapStudy
 
 WORLD = str(Path(__file__).parents[1] / "box_world.yaml")
 NAN, INF = math.nan, math.inf
@@ -188,6 +191,18 @@ def test_components_of_others_need_only_finite_numbers(omnilab_here, tmp_path, m
     monkeypatch.setenv("OMNILAB_PLUGINS", "other.py")
     result = omnilab_here(*SMALL[:-1], "descriptor=other", "descriptor.factor=nan")
     assert (result.rc, result.stderr) == (2, "omnilab: descriptor.factor=nan is not a number; give a finite number\n")
+
+
+@pytest.mark.parametrize(("slot", "setting_name", "value"), [
+    ("sensor", "world", "a\0b"), ("study", "path", "a\0b"), ("sensors.other", "variant", "a\0b"),
+])  # fmt: skip
+def test_a_text_with_nul_is_refused(slot: str, setting_name: str, value: str) -> None:
+    config = OmegaConf.structured(Run)
+    config.study = OmegaConf.structured(MapStudy)
+    config.sensor, config.sensors = OmegaConf.structured(Mirror), {"other": OmegaConf.structured(Mirror)}
+    OmegaConf.update(config, f"{slot}.{setting_name}", value)
+    with pytest.raises(ConfigError, match=f"{slot}.{setting_name} holds the character NUL"):
+        build(config, discover(""))
 
 
 def test_the_manual_shows_ranges(omnilab_here) -> None:
