@@ -13,6 +13,7 @@ import json
 import os
 import resource
 import select
+import signal
 import subprocess
 import sys
 import tempfile
@@ -25,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 MEMORY = 2 * 2**30  # bytes that an input may take
 PATIENCE_S = 60  # until a worker that says nothing has hung
+START_S = 600  # which it may take to import and to compile
 Report = tuple[str, int, str, str]  # family, number, verdict, text
 
 
@@ -35,11 +37,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _work(options.worker, options.first, options.examples)
     if options.only:
         return _again(options.only, options.keep)
-    found = list(survey(options.family, options.first, options.examples))
-    sys.stdout.write(table(found))
-    for family, number, verdict, text in found:
-        if verdict == "failed":
-            sys.stdout.write(f"\n--only {family}:{number}\n{text}\n")
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # the table is printed all the same
+    found: list[Report] = []
+    try:
+        for report in survey(options.family, options.first, options.examples):
+            found.append(report)
+            family, number, verdict, text = report
+            if verdict == "failed":
+                sys.stdout.write(f"--only {family}:{number}\n{text}\n\n")
+                sys.stdout.flush()
+    finally:
+        sys.stdout.write(table(found))
     return int(any(verdict == "failed" for _, _, verdict, _ in found))
 
 
@@ -97,10 +105,12 @@ def _worker(name: str, first: int, count: int) -> subprocess.Popen[bytes]:
 
 def _lines(worker: subprocess.Popen[bytes]) -> Iterator[bytes]:
     assert worker.stdout is not None
-    while select.select([worker.stdout], [], [], PATIENCE_S)[0]:
+    patience = START_S
+    while select.select([worker.stdout], [], [], patience)[0]:
         if not (line := worker.stdout.readline()).endswith(b"\n"):
             return
         yield line
+        patience = PATIENCE_S
 
 
 def _work(name: str, first: int, count: int) -> int:

@@ -104,6 +104,7 @@ def test_counts_are_shown_by_family() -> None:
     assert shown[4:] == ["a", "1", "0", "1", "b", "0", "1", "0", "all", "1", "1", "1"]
 
 
+@pytest.mark.slow
 def test_the_worker_limits_memory_and_its_death_is_a_failure(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, Path(__file__).with_name("fuzz_run.py"), "--family", "poses_tum", "--examples", "5"],
