@@ -28,9 +28,13 @@ def read_npy(file: IO[bytes], size: int) -> Array:
     except UNREADABLE:
         raise ValueError("it is no array of NumPy's format 1.0") from None
     claimed, held = int(np.prod(shape, dtype=object)) * kind.itemsize, size - file.tell()
-    if kind.hasobject or min(shape, default=0) < 0 or claimed != held:
+    if kind.hasobject or kind.itemsize == 0 or min(shape, default=0) < 0 or claimed != held:
         raise ValueError(f"it claims {claimed} bytes and has {held}, of {kind} {shape}")
-    data = np.frombuffer(file.read(claimed), kind, count=claimed // max(kind.itemsize, 1))
+    data = np.frombuffer(file.read(claimed), kind, count=claimed // kind.itemsize)
+    if kind.kind == "U":
+        points = data.view(np.dtype(np.uint32).newbyteorder(kind.byteorder))
+        if ((points > 0x10FFFF) | ((points >= 0xD800) & (points < 0xE000))).any():
+            raise ValueError("it holds characters that do not exist")
     return data.reshape(shape, order="F" if in_columns else "C").copy()
 
 

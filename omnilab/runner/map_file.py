@@ -98,6 +98,8 @@ def load_places(path: Path) -> Places:
             raise _unusable(path, f"{name} is {part.dtype} {part.shape}, which does not fit {count} places")
         if part is not None and kind is not np.str_ and not np.isfinite(part).all():
             raise _unusable(path, f"{name} holds NaN or infinity")
+    if T is not None and not _are_poses(T):
+        raise _unusable(path, "T_world_camera holds other matrices than poses")
     state = {name.removeprefix(STATE): value for name, value in arrays.items() if name.startswith(STATE)}
     return Places(Signatures(place, heading), T, keys.tolist(), state, provenance)
 
@@ -118,6 +120,13 @@ def _provenance(path: Path, about: Mapping[str, Any]) -> Provenance | None:
         raise _unusable(path, "what it says of its images' camera is not sound")
     elevations = None if degrees is None else (float(degrees[0]), float(degrees[1]))
     return Provenance(**{name: kept[name] for name in kinds} | {"elevations_deg": elevations})
+
+
+def _are_poses(T: Array) -> bool:
+    """Whether matrices (N, 4, 4) are a rotation and a translation each."""
+    R = T[:, :3, :3]
+    unit = np.abs(R @ R.swapaxes(1, 2) - np.eye(3)).max() < 1e-6
+    return bool(unit and (np.linalg.det(R) > 0).all() and (T[:, 3] == [0, 0, 0, 1]).all())
 
 
 def _arrays(path: Path, wanted: list[str] | None = None) -> dict[str, Array]:

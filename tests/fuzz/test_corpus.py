@@ -63,6 +63,13 @@ FOUND: list[tuple[str, Change, str]] = [
     ("basis_npz", member("vectors", np.array([["a"]])), "holds arrays that do not fit together"),
     ("basis_npz", member("frequencies", np.array([0, 1, 99])), "frequencies that no rotations have"),
     ("map_npz", member("place", np.zeros((4, 3), object)), "place: it is no array|place: it claims"),
+    ("map_npz", member("T_world_camera", np.tile(np.eye(4) * 2, (4, 1, 1))), "holds other matrices than poses"),
+    (
+        "map_npz",
+        member("keys", np.array([0x110000] * 4, np.uint32).view("<U1")),
+        "keys: it holds characters that do not exist",
+    ),
+    ("map_npz", member("keys", np.zeros(4, np.dtype("<U1"))[:0].astype("<U0")), "keys"),
     ("depth_npy", put(b"'fortran_order': False", b"'fortran_order': Falze"), "it is no array of NumPy's format 1.0"),
     ("depth_npy", put(b"(32, 32)", b"(32, 32 "), "it is no array of NumPy's format 1.0"),
     ("depth_npy", put(np.float32(1.5).tobytes(), np.float32(-1.5).tobytes()), "it holds depths below 0"),
