@@ -83,7 +83,8 @@ def _motion(estimate: Floats, truth: Floats, alignment: Alignment) -> Similarity
         T = truth[0] @ inverse(estimate[0])
         return Similarity(np.ones(()), T[:3, :3], T[:3, 3])
     p, q = estimate[:, :3, 3], truth[:, :3, 3]
-    scaled = alignment in {Alignment.sim2, Alignment.sim3}
+    moves = bool((np.ptp(q, axis=0) > 0).any())  # onto one point, any estimate would fit with scale 0
+    scaled = alignment in {Alignment.sim2, Alignment.sim3} and moves
     if alignment in {Alignment.se3, Alignment.sim3}:
         return procrustes(p, q, scale=scaled, reflection=False)
     flat = procrustes(p[:, :2], q[:, :2], scale=scaled, reflection=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -80,18 +81,23 @@ def run(omnilab_here: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.Mo
         rng = np.random.default_rng(3)
         names = [f"{i}.png" for i in range(9)]
         for name in names:
-            cv2.imwrite(str(tmp_path / "data" / name), rng.integers(0, 256, (48, 48), dtype=np.uint8))
+            picture = rng.integers(0, 1 if "black" in spoilt else 256, (48, 48), dtype=np.uint8)
+            cv2.imwrite(str(tmp_path / "data" / name), picture)
         rows = [f"{name},{i % 3},{i // 3}" for i, name in enumerate(names)]
         (tmp_path / "data/positions.csv").write_text("\n".join(["image,x_m,y_m", *rows]), encoding="utf-8")
         monkeypatch.setenv("OMNILAB_PLUGINS", "bad.py")
         return omnilab_here(
-            "experiment=recorded_grid", "sensor.path=data", "sensor.circle_px=[24,24,23]", *QUIET, *arguments
+            "experiment=recorded_grid",
+            "sensor.path=data",
+            "sensor.circle_px=[24,24,23]",
+            *QUIET["black" in spoilt :],
+            *arguments,
         )
 
     return run
 
 
-QUIET = ("~sinks.rerun", "~sinks.mcap", "~sinks.console")
+QUIET = ("~sinks.console", "~sinks.rerun", "~sinks.mcap")
 
 
 SLOW = pytest.mark.slow
@@ -130,3 +136,19 @@ def test_a_run_with_a_bad_plugin_fails(run: Any, spoilt: Any, chosen: str, expec
 def test_signatures_that_are_not_finite_are_not_kept(run: Any, tmp_path: Path) -> None:
     assert run("descriptor=bad", describe="place[0] = np.nan").rc == 2
     assert list((tmp_path / "logs/cache").rglob("*.npz")) == []
+
+
+@pytest.mark.slow
+def test_black_pictures_win_no_metric_and_are_told(run: Any, tmp_path: Path) -> None:
+    rc, out, err = run("descriptor=radon", black="yes")
+    assert rc == 0, err
+    found = load_run(tmp_path / "logs/latest")
+    assert found.metrics["nearest_rate"] == found.metrics["recall_at_1"] == 1 / 5  # the query in the middle of all four
+    assert found.metrics["average_precision"] == pytest.approx(1 / 25)
+    assert math.isnan(found.metrics["heading_error_median"])
+    assert found.notes["heading_error_median"] == "nothing tells any answer from other places"
+    warnings = (found.folder / "warnings.txt").read_text().splitlines()
+    assert warnings[0].startswith("all 4 places of the map have equal signatures, as black or constant pictures have")
+    assert warnings[1].startswith("all 5 queries have equal signatures")
+    assert all(warning in err for warning in warnings)
+    assert "nan" not in out + (found.folder / "metrics.csv").read_text()

@@ -42,9 +42,9 @@ class HeightEstimates:
 
     @property
     def relative(self) -> Floats:
-        """The estimates (n,) divided by the largest of the column (thesis, figures 5.17-5.20)."""
+        """The estimates (n,) divided by the largest of the column (thesis, figures 5.17-5.20); NaN where all are 0."""
         largest = float(np.nanmax(np.abs(self.value), initial=0.0))
-        return self.value / largest if largest > 0 else np.zeros_like(self.value)
+        return self.value / largest if largest > 0 else np.full_like(self.value, np.nan, dtype=float)
 
     def line(self, range_m: float) -> tuple[float, float] | None:
         """Slope and r2 of a line fitted to the values within `range_m` of the reference; None with too few points."""
@@ -159,7 +159,7 @@ class AltitudeResults:
         for name in self.altimeters:
             parts = self.of(name, clear)
             rate = sign_rate(_joined(parts, "value"), _joined(parts, "rise_m"))
-            first.append(Metric(f"{name}_sign_clear", rate, "1"))
+            first.append(Metric(f"{name}_sign_clear", rate, "1", note="no image is 0.1 m or more from a reference"))
         for row in self.scores():
             key = f"{row['altimeter']}_{{}}_{_key(row['level'])}_{_key(row['reference'])}"
             kinds = {"sign_rate": "1", "r2_median": "1", "rms_m": "m", "rms_near_m": "m", "bias_m": "m", "spread": "1"}

@@ -115,6 +115,13 @@ def _errors(poses: Floats, truth: GraphTruth) -> dict[str, float]:
     return errors
 
 
+NOTES = {
+    "true_rejected": "the graph has no true loop closure",
+    "rpe_metre_m": "the true path is shorter than a metre",
+    "drift": "the true path has no length",
+}  # why there is no value, where there is none
+
+
 def metrics_of(graph: PoseGraph, rows: Sequence[Mapping[str, Any]], wrong: Ints) -> list[Metric]:
     """Every row's numbers but the time, under the back end's name where there are several; not what a row leaves empty."""
     units = {"rms_to_clean_m": "m", "ate_m": "m", "rpe_metre_m": "m"}
@@ -123,7 +130,7 @@ def metrics_of(graph: PoseGraph, rows: Sequence[Mapping[str, Any]], wrong: Ints)
     metrics = [
         Metric(
             f"{row['backend']}_{name}".removesuffix("_m") if len(rows) > 1 else name.removesuffix("_m"),
-            float(row[name]), units.get(name, "1"),
+            float(row[name]), units.get(name, "1"), note=NOTES.get(name, ""),
         )
         for name in names for row in rows if row[name] != ""
     ]  # fmt: skip

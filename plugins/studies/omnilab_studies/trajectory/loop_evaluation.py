@@ -21,8 +21,8 @@ class LoopEvaluation(NamedTuple):
 
     @property
     def precision(self) -> float:
-        """Share of the closures that are right; NaN without any."""
-        return float(self.right.mean()) if len(self.right) else float("nan")
+        """Share of the closures that are right; NaN without any, and of a robot that stood still: all would be right."""
+        return float(self.right.mean()) if len(self.right) and self.same_place_m > 0 else float("nan")
 
     def recall(self, closures: Ints) -> float:
         """Share of the images of revisited places that were recognised, by closures (L, 2); NaN without any."""

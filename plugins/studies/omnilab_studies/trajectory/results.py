@@ -54,6 +54,9 @@ def evaluate_run(
 
 
 # ------------------------------------------------------------------------------------------------------------- metrics
+SHORT, STILL = "the true path is shorter than a metre", "the true path has no length: the robot stood still"
+
+
 def metrics_of(results: TrajectoryResults, omitted: int) -> list[Metric]:
     """All metrics of a run from which so many images were left out."""
     return [
@@ -77,10 +80,10 @@ def _error_metrics(errors: Mapping[str, Evaluation], final: list[str]) -> list[M
         one, prefix = errors[name], names[name]
         rest += [
             Metric(f"{prefix}ate_max", one.ate_max_m, "m"),
-            Metric(f"{prefix}rpe_metre", one.rpe_metre_m, "m"),
-            Metric(f"{prefix}rpe_metre_deg", float(np.rad2deg(one.rpe_metre_rad)), "deg"),
-            Metric(f"{prefix}drift", one.drift, "1"),
-            Metric(f"{prefix}end_drift", one.end_drift, "1"),
+            Metric(f"{prefix}rpe_metre", one.rpe_metre_m, "m", note=SHORT),
+            Metric(f"{prefix}rpe_metre_deg", float(np.rad2deg(one.rpe_metre_rad)), "deg", note=SHORT),
+            Metric(f"{prefix}drift", one.drift, "1", note=STILL),
+            Metric(f"{prefix}end_drift", one.end_drift, "1", note=STILL),
         ]
     return [*ate, *scale, *rest]
 
@@ -92,8 +95,8 @@ def _loop_metrics(loops: LoopEvaluation | None, closures: Ints) -> list[Metric]:
         return [count]
     return [
         count,
-        Metric("closure_precision", loops.precision, "1"),
-        Metric("closure_recall", loops.recall(closures), "1"),
+        Metric("closure_precision", loops.precision, "1", note=STILL if len(closures) else "no loop was closed"),
+        Metric("closure_recall", loops.recall(closures), "1", note="no image shows a place that was shown before"),
         Metric("seen_again", int(loops.revisited.sum()), "1"),
         Metric("same_place", loops.same_place_m, "m"),
     ]
@@ -122,7 +125,7 @@ def _step_metrics(run: MappingRun) -> list[Metric]:
     return [
         *statistics("step_rotation_error", np.rad2deg(rotation), "deg"),
         *(statistics("step_direction_error", np.rad2deg(direction_error), "deg") if moving.any() else []),
-        Metric("step_length_spread", spread, "1"),
+        Metric("step_length_spread", spread, "1", note="no step was both estimated and made"),
     ]
 
 

@@ -49,7 +49,7 @@ def row_of(result: JointResult, scale: float, step_m: float, rng: np.random.Gene
         "nearest_rate": float(nearest.mean()),
         "nearest_low": low,
         "nearest_high": high,
-        "within_step_rate": float((away <= step_m).mean()),
+        "within_step_rate": float(((away <= step_m) & result.scored.decided).mean()),
         "position_error_median_m": float(np.median(away)),
         "heading_error_median_deg": of_known(np.median, result.scored.heading_error_deg),
         "estimate_median_m": _nanmedian(estimate_m),
@@ -76,20 +76,23 @@ def metrics_of(rows: Sequence[Mapping[str, Any]], results: Sequence[JointResult]
     error = np.concatenate([np.abs(scale * one.estimate - one.rise_m) for one in results])
     metrics = [
         Metric("nearest_rate", float(np.mean([row["nearest_rate"] for row in rows])), "1"),
-        Metric("height_error_median", _nanmedian(error), "m"),
+        Metric("height_error_median", _nanmedian(error), "m", note=UNKNOWN),
     ]
     if away:
         metrics.append(Metric("sign_rate", float(np.mean([row["sign_rate"] for row in away])), "1"))
     if near:
         metrics.append(Metric("nearest_rate_level", float(np.mean([row["nearest_rate"] for row in near])), "1"))
     if results[0].unit != "m":
-        metrics.append(Metric("scale", scale, f"m/{results[0].unit}"))
+        metrics.append(Metric("scale", scale, f"m/{results[0].unit}", note="no height was estimated but 0"))
     for row in rows:
         key = f"{row['offset_m']:+g}m"
         rate = row["nearest_rate"]
         metrics.append(Metric(f"nearest_rate_{key}", rate, "1", (row["nearest_low"], row["nearest_high"])))
-        metrics.append(Metric(f"height_error_median_{key}", row["height_error_median_m"], "m"))
+        metrics.append(Metric(f"height_error_median_{key}", row["height_error_median_m"], "m", note=UNKNOWN))
     return metrics
+
+
+UNKNOWN = "no height was estimated"
 
 
 def rises_m(results: Sequence[JointResult], scale: float) -> tuple[Floats, Floats]:

@@ -140,7 +140,7 @@ def metrics_of(maps: Sequence[TopologicalMapResult], left_out: int) -> list[Metr
     return [
         Metric("best_rms_steps", best.rms_steps, "1"),
         Metric("best_rms", best.rms_m, "m"),
-        Metric("best_neighbours_kept", best.neighbours_kept, "1"),
+        Metric("best_neighbours_kept", best.neighbours_kept, "1", note="no two nodes are neighbours on the grid"),
         *(
             Metric(f"best_rms_steps_at_{s:g}_m", min(one.rms_steps for one in maps if one.case.step_m == s), "1")
             for s in steps

@@ -133,7 +133,12 @@ def _unscored(run: LocalizationRun, plan: Plan, seed: int) -> Report:
         show_frame(run.record, frames, 0, signatures.place[0], Tick(step, int(frames.stamps_ns[0])))
     metrics = [
         Metric("queries", len(rows), "1"),
-        Metric("distance_median", float(np.median([row["distance"] for row in rows])) if rows else np.nan, "1"),
+        Metric(
+            "distance_median",
+            float(np.median([row["distance"] for row in rows])) if rows else np.nan,
+            "1",
+            note="no query was delivered",
+        ),
         Metric("places", len(run.places), "1"),
     ]
     tables = {"answers": columns_of(rows) if rows else {}}
