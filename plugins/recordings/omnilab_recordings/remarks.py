@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import PurePosixPath
 
 from omnilab_recordings.images.decoding import DecodedImage
+from omnilab_recordings.images.headers import FULL
 
 SHOWN = 3  # files in a sentence
-FULL = 2**16 - 1
 DARK = 2**14  # of samples of 16 bits: if none is as large, the camera has fewer bits, or the pictures are dark
 BITS = (8, 10, 12, 14)  # that cameras have
 TEXTS = {
@@ -55,7 +55,7 @@ def _examples(particular: Mapping[str, str]) -> str:
 
 def of_range(images: Sequence[DecodedImage], bits: int | None) -> str | None:
     """Whether images of 16 bits use but a small part of them."""
-    deep = [image for image in images if image.deep and image.header.largest == FULL]
+    deep = [image for image in images if image.header.bits == 16 and image.header.largest == FULL]
     peak = max((image.peak for image in deep), default=FULL)
     if bits is not None or peak >= DARK:
         return None

@@ -181,6 +181,15 @@ def test_a_bomb_is_refused_before_it_is_decoded(kind, monkeypatch, tmp_path):
         check([str(tmp_path), "-o", str(tmp_path.parent / "c.png")])
 
 
+@pytest.mark.parametrize("kind", [b"IDAT", b"fcTL", b"fdAT", b"iCCP", b"tEXt"])
+def test_a_chunk_longer_than_its_file_is_not_made_room_for(kind, monkeypatch):
+    data = png(64, 48)
+    at = data.index(b"IDAT") - 4
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("it was decoded"))
+    with pytest.raises(DataError, match=r"^x\.png is truncated or no image"):
+        Decoder().decode(data[:at] + struct.pack(">I", 2**31 - 1) + kind + data[at:], "x.png")
+
+
 def test_large_photographs_of_today_are_within_the_bound():
     assert MOST_PIXELS >= 11968 * 5984  # of a 360-degree camera of 72 megapixels
     for size in ((11968, 5984), (16384, 8192)):

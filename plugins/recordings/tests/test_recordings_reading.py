@@ -195,6 +195,17 @@ def test_more_than_the_bits_that_were_given(tmp_path):
             Folder(tmp_path, bits=bits)
 
 
+def test_tiffs_of_12_bits_are_scaled_too():
+    values = np.linspace(0, 4095, 64 * 48).astype(int)
+    bits = "".join(f"{value:012b}" for value in values)
+    packed = bytes(int(bits[at : at + 8], 2) for at in range(0, len(bits), 8))
+    tags = {256: 64, 257: 48, 258: 12, 259: 1, 262: 1, 273: 8 + 2 + 12 * 9 + 4, 277: 1, 278: 48, 279: len(packed)}
+    directory = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in tags.items())
+    image = Decoder().decode(b"II*\0" + struct.pack("<IH", 8, len(tags)) + directory + bytes(4) + packed, "x.tif")
+    assert np.abs(image.pixels.ravel() - values * 255 / 4095).max() <= 1.001
+    assert image.deep
+
+
 def test_white_is_zero():
     for dtype, scale in ((np.uint8, 1), (np.uint16, 256)):
         values = texture().astype(dtype) * dtype(scale)
@@ -291,9 +302,8 @@ def test_what_is_transparent_is_black_and_that_is_said(tmp_path, caplog, capsys,
     for color in (False, True):
         image = read_all(Folder(tmp_path, color=color))[0]
         assert np.abs(image - (expected[..., None] if color else expected)).max() <= 2
-    if kind != "TIFF":
-        assert "what is transparent in images is read as black: 0." in warnings_of(caplog)[0]
-        assert "(1 of 1)" in findings(tmp_path, capsys)
+    assert "what is transparent in images is read as black: 0." in warnings_of(caplog)[0]
+    assert "(1 of 1)" in findings(tmp_path, capsys)
 
 
 def test_transparency_that_hides_nothing_changes_nothing(tmp_path, caplog):

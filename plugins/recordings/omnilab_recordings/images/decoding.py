@@ -151,7 +151,7 @@ def _over_black(pixels: Bytes, data: bytes, name: str, header: ImageHeader) -> t
     """Pixels in front of black, and whether any is transparent."""
     import cv2
 
-    if not header.alpha or (header.format == "TIFF" and header.bits == 8):  # the library does that one itself
+    if not header.alpha:
         return pixels, False
     mode = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
     layers, _ = LIBRARY_OUTPUT.of(lambda: _imdecode(data, name, mode), alone=pixels.size > LARGE)
@@ -161,6 +161,8 @@ def _over_black(pixels: Bytes, data: bytes, name: str, header: ImageHeader) -> t
     alpha = layers[..., 3]
     if alpha.min() == opaque:
         return pixels, False
+    if header.format == "TIFF" and header.bits == 8:  # the library has done that itself
+        return pixels, True
     share = cv2.convertScaleAbs(alpha, alpha=255 / opaque)
     return np.asarray(
         cv2.multiply(pixels, share if pixels.ndim == 2 else cv2.merge([share] * 3), scale=1 / 255), np.uint8

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from omnilab.errors import DataError
 
+FULL = 2**16 - 1
 MOST_PAGES = 10_000  # that are counted
 OTHERS = {  # how files begin that are no images of a kind that is read, whatever their names say
     "a GIF": rb"GIF8",
@@ -55,7 +56,7 @@ def read_header(data: bytes, name: str) -> ImageHeader | None:
         if re.match(magic, data, re.DOTALL):
             try:
                 return parse(data)
-            except (struct.error, LookupError, ValueError):
+            except (struct.error, LookupError, OverflowError, ValueError):
                 return None
     if data.startswith(b"version https://git-lfs"):
         raise DataError(f"{name} is but a pointer of Git LFS to the image (git lfs pull fetches it)")
@@ -71,9 +72,11 @@ def _png(data: bytes) -> ImageHeader:
         raise ValueError("PNG without header")
     alpha, frames, orientation = color in {4, 6}, 1, 1
     at = 8
-    while at + 8 <= len(data):
+    while kind != b"IEND":
         length, kind = struct.unpack_from(">I4s", data, at)
         body = at + 8
+        if body + length > len(data):  # the library would make room for it first
+            raise ValueError("PNG with a chunk longer than the file")
         alpha |= kind == b"tRNS"
         if kind == b"acTL":
             (frames,) = struct.unpack_from(">I", data, body)
@@ -165,7 +168,7 @@ def _tiff(data: bytes) -> ImageHeader:
         value[WIDTH],
         value[HEIGHT],
         bits,
-        2**bits - 1,
+        2**bits - 1 if bits <= 8 else FULL,  # the library shifts fewer bits up
         NUMBERS.get(value.get(SAMPLES, 1), "unknown"),
         alpha=value.get(EXTRA) in {1, 2},
         inverted=value.get(PHOTOMETRIC) == 0,
@@ -180,7 +183,7 @@ def exif_orientation(exif: bytes) -> int:
     """The orientation 1 to 8 that an EXIF block, a TIFF without picture, gives; 1 if it gives none."""
     try:
         return _upright(next(_directories(exif)).get(ORIENTATION, (1, 0))[0])
-    except (struct.error, LookupError, ValueError, StopIteration):
+    except (struct.error, LookupError, OverflowError, ValueError, StopIteration):
         return 1
 
 

@@ -12,7 +12,9 @@ from typing import TypeVar
 T = TypeVar("T")
 
 LIBRARIES = re.compile(
-    rb"jpeg|png|tiff|webp|opencv|\[ ?(WARN|ERROR|INFO|DEBUG|FATAL):|marker|Huffman|JFIF|SOS", re.IGNORECASE
+    rb"jpeg|png|tiff|webp|opencv|\[ ?(WARN|ERROR|INFO|DEBUG|FATAL):|marker|Huffman|JFIF|SOS|Adobe|progression|scanline"
+    rb"|^(>|\s|must be )",  # lines that go on
+    re.IGNORECASE,
 )
 MOST_TEXT = 2**16  # bytes that are looked at
 
