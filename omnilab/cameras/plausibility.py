@@ -92,9 +92,9 @@ def _numbers(camera: Any) -> list[tuple[str, float]]:
 
 def brief(value: Any) -> str:
     """A value in at most some 40 characters; numbers in few digits, and none of them too long to be written."""
-    if isinstance(value, float) or (isinstance(value, int) and abs(value) < LARGEST):
-        return f"{value:g}" if isinstance(value, float) else str(value)
-    if isinstance(value, int):
+    if isinstance(value, float):
+        return f"{value:g}"
+    if isinstance(value, int) and value.bit_length() > 100:  # Python writes no number of many thousand digits
         return f"an integer of {value.bit_length()} bits"
     text = repr(value)
     return text if len(text) <= 40 else f"{text[:37]}..."
