@@ -66,7 +66,7 @@ def about_map(path: Path) -> dict[str, Any]:
     try:
         about = json.loads(text)
     except ValueError as error:
-        raise _unusable(path, f"what it says about itself is no JSON: {error}") from error
+        raise _unusable(path, "what it says about itself is no JSON") from error
     if not isinstance(about, dict) or about.get("format") != FORMAT:
         raise _unusable(path, f"it does not say that it is an {FORMAT}")
     if about.get("version") != VERSION:

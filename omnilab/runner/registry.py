@@ -285,10 +285,17 @@ def check_component(kind: str, name: str, cls: type[Any]) -> str:
         _node(cls)
     except OmegaConfBaseException as error:
         raise PluginError(
-            f"{kind} '{name}' ({cls.__name__}): {str(error).splitlines()[0]} (field '{error.full_key}'); use bool, int,"
-            " float, str, Path, Enum, list, dict, X | None or a nested dataclass"
+            f"{kind} '{name}' ({cls.__name__}) has the field '{error.full_key}' of a type that no setting can have"
+            f" ({_type_of(cls, str(error.full_key))}); use bool, int, float, str, Path, Enum, list, dict, X | None or a"
+            " nested dataclass"
         ) from error
     return note
+
+
+def _type_of(cls: type[Any], field_name: str) -> str:
+    """As the class declares it."""
+    found = cls.__dataclass_fields__.get(field_name)
+    return "unknown" if found is None else getattr(found.type, "__name__", None) or str(found.type)
 
 
 _NODES: dict[type[Any], DictConfig] = {}

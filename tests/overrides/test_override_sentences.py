@@ -49,6 +49,7 @@ def registry():
         (["descriptor=été"], "descriptor 'été' does not exist; there is fourier_signature"),
         (["+descriptor@descriptors.a=été"], "descriptor 'été' does not exist"),
         (["hydra.run.dir="], "hydra.run.dir= names no folder; give hydra.run.dir=DIR"),
+        (["sensor.path=/data/\udcff"], "/data/\udcff holds bytes that are no text in UTF-8; rename the file"),
         (["--foo"], "'--foo' is no option; there is --multirun, --run, --cfg"),
         (["-x", "seed=1"], "'-x' is no option"),
         (["--experimental-rerun", "x"], "'--experimental-rerun' is no option"),

@@ -51,6 +51,9 @@ class _Refused(Exception):
 
 def for_hydra(argv: Sequence[str], registry: Registry) -> list[str]:
     """The command line as Hydra takes it; ConfigError, in one sentence, if it cannot."""
+    for word in argv:
+        if any("\ud800" <= c <= "\udfff" for c in word):
+            raise ConfigError(f"{word} holds bytes that are no text in UTF-8; rename the file")
     options, words = _split(argv)
     multirun = "--multirun" in options or "hydra.mode=MULTIRUN" in words
     return [*options, *(_readable(word, multirun, registry) for word in words)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import io
 import json
@@ -120,12 +121,14 @@ class DataSet:
     def _check_same(self, contents: Mapping[str, Any]) -> None:
         try:
             if (self.folder / ABOUT).stat().st_size > LARGEST_FILE:
-                raise ValueError(f"larger than {LARGEST_FILE >> 20} MiB")
+                raise OSError(errno.EFBIG, f"larger than {LARGEST_FILE >> 20} MiB")
             there = json.loads((self.folder / ABOUT).read_bytes())
             there = {key: there[key] for key in contents}
         except (ValueError, KeyError, TypeError, RecursionError, OSError) as error:
+            lacks = f"it lacks {error.args[0]}" if isinstance(error, KeyError) else "it is no JSON of one"
+            reason = error.strerror if isinstance(error, OSError) else lacks
             raise DataError(
-                f"{self.folder / ABOUT} describes no data set ({type(error).__name__}: {error}); give a new {self.setting}"
+                f"{self.folder / ABOUT} describes no data set ({reason}); give a new {self.setting}"
             ) from None
         old, new = dict(_flat(there)), dict(_flat(json.loads(json.dumps(contents, default=str))))
         old |= {key: _class_name(str(old[key])) for key in old if key.rpartition(".")[2] == "class"}
