@@ -66,7 +66,7 @@ BROKEN = {  # what a plugin's file adds to Mean: words of the sentence about it
         "omnilab.api",
     ],
     "del Mean.rotation\n@hookimpl\ndef register_descriptors(register): register('mean', Mean)": [
-        "descriptor 'mean' (Mean) lacks rotation; see Descriptor in omnilab.api"
+        "descriptor 'mean' (Mean) lacks rotation (rotation is one of equivariant, invariant, none); see Descriptor"
     ],
     "@dataclass\nclass Bad(Mean):\n  mode: Literal['a'] = 'a'\n"
     "@hookimpl\ndef register_descriptors(register): register('bad', Bad)": ["Bad", "mode", "Literal"],
