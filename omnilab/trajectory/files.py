@@ -19,6 +19,7 @@ class Trajectory:
     T_world_camera: Floats  # (N, 4, 4)
     stamps_ns: Ints | None  # (N,)
     turn: tuple[str, ...] = ()  # the columns that gave the rotation; (): there were none
+    numbers: Floats | None = None  # (N,) in the column of headings, as written, where one gave the rotation
 
 
 def read_trajectory(file: Path, lenient: bool = False, level: bool = False) -> Trajectory:
@@ -31,7 +32,8 @@ def read_trajectory(file: Path, lenient: bool = False, level: bool = False) -> T
     DataError names what the file is, or line and column of what is missing or wrong.
     """
     table = read_table(file)
-    return Trajectory(poses(table.position_m(level), table.rotations(lenient)), table.stamps_ns(), table.turn)
+    T = poses(table.position_m(level), table.rotations(lenient))
+    return Trajectory(T, table.stamps_ns(), table.turn, table.heading_numbers())
 
 
 # ------------------------------------------------------------------------------------------------------------- writing

@@ -57,7 +57,7 @@ def about_positions(path: Trajectory) -> Iterator[str]:
 
 def about_headings(path: Trajectory, clockwise: str) -> Iterator[str]:
     """Questions about headings against directions of travel. `clockwise`: what to do if they run clockwise."""
-    found = about_radians(path) or about_turns(path, clockwise)
+    found = about_units(path) or about_turns(path, clockwise)
     yield from [found] if found else []
 
 
@@ -183,33 +183,54 @@ CAMERA_AXES = {  # by what gives the rotation, and whether there are no times: a
 }
 
 
-def as_radians(T: Floats, turn: tuple[str, ...]) -> Floats | None:
-    """The headings (N,) that the numbers in yaw_deg or heading_deg are if they are radians; None where none can be."""
-    if turn not in {("yaw_deg",), ("heading_deg",)} or len(T) < LEAST:
+def in_other_unit(path: Trajectory) -> Floats | None:
+    """The headings (N,) that the numbers of a column are if degrees are radians, or radians degrees; None where they cannot."""
+    numbers = path.numbers
+    if numbers is None or len(numbers) < LEAST or path.turn not in UNITS:
         return None
-    raw = np.rad2deg(heading_of(T))
-    raw = raw if turn == ("yaw_deg",) else (90 - raw + 180) % 360 - 180
-    within = np.abs(raw).max() <= 3.15 or (raw.min() > -1e-6 and raw.max() <= 6.29)
-    if not within or _resultant(raw) > ALIKE:
+    most, other = UNITS[path.turn], numbers
+    if path.turn == ("yaw_rad",):
+        if np.abs(numbers).max() <= most:
+            return None
+        other = np.deg2rad(numbers)
+    elif np.abs(numbers).max() > most:
         return None
-    return raw if turn == ("yaw_deg",) else np.pi / 2 - raw
+    return None if _resultant(other) > ALIKE else np.pi / 2 - other if path.turn == ("heading_deg",) else other
 
 
-def radians_remedy(turn: tuple[str, ...]) -> str:
-    """The question whether a column of degrees holds radians, without the reason."""
-    name = "yaw_rad" if turn == ("yaw_deg",) else "yaw_rad (and count from +x, counter-clockwise)"
-    return f"all numbers in {turn[0]} are as small as radians are; if they are radians, name it {name}"
+UNITS = {  # the largest number that may be radians in a column of degrees, and is not too large in one of radians
+    ("yaw_deg",): 60.0,
+    ("heading_deg",): 60.0,
+    ("yaw_rad",): 2 * np.pi + 0.01,
+}
 
 
-def about_radians(path: Trajectory) -> str | None:
-    """Radians as degrees: read so, they turn with the path."""
-    radians = as_radians(path.T_world_camera, path.turn)
-    if radians is None:
+def look_like_radians(path: Trajectory) -> bool:
+    """Whether all numbers in a column of degrees lie within one turn in radians, and all around it."""
+    numbers = path.numbers
+    if numbers is None or path.turn == ("yaw_rad",) or in_other_unit(path) is None:
+        return False
+    return bool(np.abs(numbers).max() <= 3.15 or (numbers.min() > -1e-6 and numbers.max() <= 6.29))
+
+
+def unit_remedy(path: Trajectory) -> str:
+    """The question whether a column holds numbers of another unit, without the reason."""
+    (name,) = path.turn
+    if name == "yaw_rad":
+        return "numbers in yaw_rad are large for radians; if they are degrees, name it yaw_deg"
+    right = "yaw_rad" if name == "yaw_deg" else "yaw_rad (and count from +x, counter-clockwise)"
+    return f"all numbers in {name} are as small as radians are; if they are radians, name it {right}"
+
+
+def about_units(path: Trajectory) -> str | None:
+    """Radians as degrees, or degrees as radians: read so, they turn with the path."""
+    headings = in_other_unit(path)
+    if headings is None:
         return None
-    so, other = with_travel(path), with_travel(path, radians)
+    so, other = with_travel(path), with_travel(path, headings)
     if so is None or other is None or not (other.agreement >= AGREE and so.agreement <= APART):
         return None
-    return f"{radians_remedy(path.turn)}: then they turn with the path"
+    return f"{unit_remedy(path)}: then they turn with the path"
 
 
 def about_turns(path: Trajectory, clockwise: str) -> str | None:

@@ -99,6 +99,10 @@ class PoseTable:
                 )
         return ()
 
+    def heading_numbers(self) -> Floats | None:
+        """The numbers (N,) of the column that gives the heading, as written; None where no single column does."""
+        return self.floats(self.turn)[:, 0] if len(self.turn) == 1 else None
+
     def rotations(self, lenient: bool = False) -> Floats:
         """Rotations (N, 3, 3). `lenient`: quaternions may have any length above 0, not only 1 to a hundredth."""
         if not (columns := self.turn):
@@ -155,7 +159,7 @@ class PoseTable:
             except (ValueError, ArithmeticError):
                 value = math.nan  # of which no comparison holds
             if not (abs(value) < 2**63):
-                hint = _hint(column, text)
+                hint = _hint(column, text, value)
                 place = self.header.index(column)
                 problem = f"has {self._written[place]}={_short(text)!r} (column {place + 1})"
                 raise self._error(number, problem, f"write {kind}{hint}")
@@ -184,13 +188,13 @@ def _finite_number(text: str) -> float:
     return float(text) if _finite(text) else math.nan
 
 
-def _hint(column: str, text: str) -> str:
+def _hint(column: str, text: str, value: float) -> str:
     """What a value that cannot be used may have been meant to be."""
     if re.fullmatch(r"[-+]?\d+,\d+", text):
         return f" with a point, {text.replace(',', '.')}"
     if column == "stamp_s" and NUMBER.fullmatch(text) and (unit := unit_of(float(text))):
         return f" (this looks like {unit})"
-    return ""
+    return " below 9e18" if isinstance(value, float) and math.isfinite(value) else ""
 
 
 def _short(text: str, most: int = 60) -> str:

@@ -24,6 +24,14 @@ def open_questions(path):
     return [*about_positions(path), *all_headings(path)]
 
 
+def written(position, headings, stamps, turn):
+    """A path, and its headings as the column of that name has them."""
+    inverse = {("yaw_deg",): np.rad2deg, ("yaw_rad",): np.asarray, ("heading_deg",): lambda h: 90 - np.rad2deg(h)}
+    return Trajectory(
+        planar_poses(position, headings), stamps, turn, inverse[turn](headings) if turn in inverse else None
+    )
+
+
 def walk(seed=0, count=60, step_m=0.3, wiggle=0.5, offset=0.0, turn=("yaw_deg",), stamped=True):
     """A robot that drives ahead and turns as it likes; its headings are `offset` to the left of where it drives."""
     rng = np.random.default_rng(seed)
@@ -31,21 +39,21 @@ def walk(seed=0, count=60, step_m=0.3, wiggle=0.5, offset=0.0, turn=("yaw_deg",)
     steps = step_m * np.stack([np.cos(travel), np.sin(travel), np.zeros(count)], -1)
     position = np.cumsum(steps, axis=0) + rng.normal(0, 5, 3)
     stamps = START + np.cumsum(rng.integers(10**8, 4 * 10**8, count)) if stamped else None
-    return Trajectory(planar_poses(position, travel + offset), stamps, turn)
+    return written(position, travel + offset, stamps, turn)
 
 
 def circle(count=40, turn=("yaw_deg",), headings=lambda heading: heading, radius_m=2.0):
     """Once round, with headings that are written otherwise."""
     angle = 2 * np.pi * np.arange(count) / count
     position = radius_m * np.stack([np.cos(angle), np.sin(angle), np.zeros(count)], -1)
-    return Trajectory(planar_poses(position, headings(angle + np.pi / 2)), None, turn)
+    return written(position, headings(angle + np.pi / 2), None, turn)
 
 
 def moved(path, change):
     """The path with other positions (N, 3)."""
     T = path.T_world_camera.copy()
     T[:, :3, 3] = change(T[:, :3, 3])
-    return Trajectory(T, path.stamps_ns, path.turn)
+    return Trajectory(T, path.stamps_ns, path.turn, path.numbers)
 
 
 # ----------------------------------------------------------------------------------------------- nothing to ask about
@@ -70,7 +78,7 @@ def test_grids_and_random_poses_raise_no_question(seed, count, spacing_m, spread
         rng.normal(0, 1e-3, (count, 3)),
     ):
         headings = np.deg2rad(rng.uniform(-spread_deg, spread_deg, count) / 2)
-        path = Trajectory(planar_poses(position, headings), START + 10**8 * np.arange(count), ("yaw_deg",))
+        path = written(position, headings, START + 10**8 * np.arange(count), ("yaw_deg",))
         assert open_questions(path) == []
 
 
@@ -108,6 +116,8 @@ def test_other_paths_that_are_sound(change):
     (moved(circle(), lambda p: p[:, [1, 0, 2]]), "headings turn against the path"),
     (circle(headings=lambda h: np.deg2rad(h % (2 * np.pi))), "all numbers in yaw_deg are as small as radians are; if they are radians, name it yaw_rad: then they turn with"),
     (circle(headings=lambda h: np.deg2rad((h + np.pi) % (2 * np.pi) - np.pi)), "name it yaw_rad:"),
+    (circle(headings=np.deg2rad), "name it yaw_rad:"),  # beyond a turn
+    (circle(turn=("yaw_rad",), headings=np.rad2deg), "numbers in yaw_rad are large for radians; if they are degrees, name it yaw_deg: then"),
     (circle(turn=("heading_deg",), headings=lambda h: np.pi / 2 - np.deg2rad((np.pi / 2 - h) % (2 * np.pi))), "all numbers in heading_deg"),
 ])  # fmt: skip
 def test_headings_against_the_path(path, sentence):

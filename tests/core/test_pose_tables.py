@@ -152,6 +152,7 @@ def test_no_column_of_the_vocabulary_is_refused(name):
     ("0,1,2,3\n1,1,2,3\n", "line 1 of .* holds numbers; write a header first"),
     ("image,x_m,y_m\n,1,2\n", "line 2 of .* names no image"),
     ("file,x_m,y_m\na.png,1,2\n", "no column image, only file, x_m, y_m; name 'file' so"),
+    ("image,x_m,y_m\na.png,1e200,2\n", "x_m='1e200' .*write a finite number below 9e18"),
     ("image,x_m,y_m\na.png,1_000,2\n", "x_m='1_000'"),
     ("image,x_m,y_m,stamp_ns\na.png,1,2,1.6E+18\n", "a whole number of ns, all its digits"),
     ("image,x_m,y_m,stamp_s\na.png,1,2,1600000000000000000\n", r"at most 292 years \(this looks like nanoseconds\)$"),

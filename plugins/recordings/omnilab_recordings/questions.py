@@ -51,7 +51,8 @@ def questions(sensor: Folder) -> list[str]:
 
 def trajectory_of(positions: Positions) -> Trajectory:
     """The poses of a folder as a path."""
-    return Trajectory(poses(positions.position_m, positions.R_world_robot), positions.stamps_ns, positions.turn)
+    T = poses(positions.position_m, positions.R_world_robot)
+    return Trajectory(T, positions.stamps_ns, positions.turn, positions.numbers)
 
 
 def seen_turns(sensor: Folder) -> Turns:
@@ -59,13 +60,12 @@ def seen_turns(sensor: Folder) -> Turns:
     positions = sensor.recording.positions
     if positions is None or len(positions.images) < MANY:
         return compare_turns(np.zeros(0), np.zeros(0), None, np.zeros((0, 2), np.int64))
-    path = trajectory_of(positions)
-    radians = plausibility.as_radians(path.T_world_camera, path.turn)
-    pairs = turning_pairs(positions, radians, BASES)
+    other = plausibility.in_other_unit(trajectory_of(positions))
+    pairs = turning_pairs(positions, other, BASES)
     pictures = _panoramas(sensor, np.unique(pairs))
     pairs = pairs[np.isin(pairs, list(pictures)).all(axis=1)]
     seen = np.array([turn_between(pictures[a], pictures[b]) for a, b in pairs.tolist()])
-    return compare_turns(seen, heading_of(positions.R_world_robot), radians, pairs)
+    return compare_turns(seen, heading_of(positions.R_world_robot), other, pairs)
 
 
 def _panoramas(sensor: Folder, rows: Ints) -> dict[int, Bytes]:
@@ -82,11 +82,11 @@ def _panoramas(sensor: Folder, rows: Ints) -> dict[int, Bytes]:
 
 
 def about_turns(turns: Turns, path: Trajectory, mirrored: bool) -> str | None:
-    """Headings against the pictures' own turns: clockwise, or in radians."""
+    """Headings against the pictures' own turns: clockwise, or in another unit."""
     pairs = f"{turns.pairs} pairs of neighbours agree to"
-    if turns.better == "radians":
-        so = f"as their pictures do ({pairs} {turns.radians:.2f}, to {turns.as_read:.2f} as they are read)"
-        return f"{plausibility.radians_remedy(path.turn)}: then they turn {so}"
+    if turns.better == "other unit":
+        so = f"as their pictures do ({pairs} {turns.other_unit:.2f}, to {turns.as_read:.2f} as they are read)"
+        return f"{plausibility.unit_remedy(path)}: then they turn {so}"
     if turns.better is None:
         return None
     found = f"headings turn against the pictures ({pairs} {turns.clockwise:.2f} the other way round, to {turns.as_read:.2f} as they are)"

@@ -99,6 +99,18 @@ def test_pictures_that_are_mirrored(write, tmp_path):
     assert questions(folder(tmp_path, mirrored=True)) == []
 
 
+def test_degrees_in_a_column_of_radians(write, tmp_path):
+    headings = write("yaw_rad", np.rad2deg)
+    (question,) = questions(folder(tmp_path))
+    assert (
+        "numbers in yaw_rad are large for radians; if they are degrees, name it yaw_deg: then they turn as" in question
+    )
+    table = (tmp_path / "positions.csv").read_text().replace("yaw_rad", "yaw_deg")
+    (tmp_path / "positions.csv").write_text(table)
+    assert questions(folder(tmp_path)) == []
+    assert heading_errors_deg(folder(tmp_path), headings).max() < 0.01
+
+
 @pytest.mark.parametrize(("column", "radians", "right"), [
     ("yaw_deg", float, "yaw_rad"), ("yaw_deg", lambda h: h % (2 * np.pi), "yaw_rad"),
     ("heading_deg", lambda h: wrap_angle(np.pi / 2 - h), None),

@@ -22,12 +22,8 @@ def of_meaning(sensor: Folder) -> Iterator[Finding]:
     if turns.agree:
         agreement = f"{turns.as_read:.2f}; 1 is full agreement"
         yield Finding("headings", "ok", f"{turns.pairs} pairs of neighbours turn as their pictures do ({agreement})")
-    elif (
-        not open_questions
-        and turns.radians_left
-        and plausibility.as_radians(path.T_world_camera, path.turn) is not None
-    ):
-        yield Finding("headings", "?", f"cannot tell: {plausibility.radians_remedy(path.turn)}")
+    elif not open_questions and turns.unit_left and plausibility.look_like_radians(path):
+        yield Finding("headings", "?", f"cannot tell: {plausibility.unit_remedy(path)}")
     travel = plausibility.with_travel(path)
     if travel is None or travel.agreement < plausibility.AGREE:
         return

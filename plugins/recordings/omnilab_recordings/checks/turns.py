@@ -14,7 +14,7 @@ from omnilab_recordings.poses.positions import Positions
 WAVES = 64  # of a panorama's width that are compared: what is finer differs between places
 TELLING = np.sin(np.deg2rad(40.0))  # least sine of a turn that is unlike its opposite
 LEAST_PAIRS = 6
-AGREE, APART = 0.7, 0.3  # mean cosines: what a reading of the headings needs, and what the given one stays below
+AGREE, APART = 0.7, 0.5  # mean cosines: what a reading of the headings needs, and what the given one stays below
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Turns:
     pairs: int
     as_read: float
     clockwise: float  # if the headings ran the other way, or the pictures were mirrored
-    radians: float  # if a column of degrees held radians; -1 where it cannot
+    other_unit: float  # if a column of degrees held radians, or one of radians degrees; -1 where it cannot
 
     @property
     def agree(self) -> bool:
@@ -32,20 +32,20 @@ class Turns:
         return self.pairs >= LEAST_PAIRS and self.as_read >= AGREE and self.clockwise <= APART
 
     @property
-    def radians_left(self) -> bool:
-        """Whether the pictures leave it open that a column of degrees holds radians."""
-        return self.pairs == 0 or self.radians > APART
+    def unit_left(self) -> bool:
+        """Whether the pictures leave it open that headings are in another unit."""
+        return self.pairs == 0 or self.other_unit > APART
 
     @property
     def better(self) -> str | None:
-        """The other reading, "clockwise" or "radians", if the pictures speak for it and against the given one."""
-        name, best = max(("clockwise", self.clockwise), ("radians", self.radians), key=lambda one: one[1])
+        """The other reading, "clockwise" or "other unit", if the pictures speak for it and against the given one."""
+        name, best = max(("clockwise", self.clockwise), ("other unit", self.other_unit), key=lambda one: one[1])
         return name if self.pairs >= LEAST_PAIRS and best >= AGREE and self.as_read <= APART else None
 
 
-def turning_pairs(positions: Positions, radians: Floats | None, bases: int) -> Ints:
-    """Pairs (M, 2) of images, as near as can be, whose headings (or, read as radians, `radians` (N,)) tell left turns from right ones."""
-    readings = [heading_of(positions.R_world_robot)] + ([] if radians is None else [radians])
+def turning_pairs(positions: Positions, other_unit: Floats | None, bases: int) -> Ints:
+    """Pairs (M, 2) of images, as near as can be, whose headings (or, read in another unit, `other_unit` (N,)) tell left turns from right ones."""
+    readings = [heading_of(positions.R_world_robot)] + ([] if other_unit is None else [other_unit])
     some = np.unique(np.linspace(0, len(positions.images) - 1, bases).astype(int))
     return np.array([pair for base in some for pair in _from(base, positions, readings)], np.int64).reshape(-1, 2)
 
@@ -69,12 +69,14 @@ def turn_between(first: Bytes, second: Bytes) -> float:
     return float(2 * np.pi / columns * np.fft.irfft(whitened, columns).argmax())
 
 
-def compare_turns(seen_rad: Floats, headings: Floats, radians: Floats | None, pairs: Ints) -> Turns:
-    """Turns (M,) that pictures of pairs (M, 2) show, against headings (N,) and these numbers read as radians (N,)."""
+def compare_turns(seen_rad: Floats, headings: Floats, other_unit: Floats | None, pairs: Ints) -> Turns:
+    """Turns (M,) that pictures of pairs (M, 2) show, against headings (N,) and these in another unit (N,)."""
     if not seen_rad.any():  # no pair, or nothing in the pictures that turns
         return Turns(0, 0.0, 0.0, -1.0)
 
     def agreement(angles: Floats) -> float:
         return float(np.cos(seen_rad - wrap_angle(angles[pairs[:, 1]] - angles[pairs[:, 0]])).mean())
 
-    return Turns(len(pairs), agreement(headings), agreement(-headings), -1.0 if radians is None else agreement(radians))
+    return Turns(
+        len(pairs), agreement(headings), agreement(-headings), -1.0 if other_unit is None else agreement(other_unit)
+    )

@@ -122,6 +122,7 @@ def positions_of(images: Sequence[str], how: Naming) -> Positions:
         cells=np.stack([values["ix"], values["iy"]], -1).astype(np.int64) if {"ix", "iy"} <= set(values) else None,
         stamps_ns=_stamps_ns(images, texts),
         turn=tuple(name for name in HEADINGS if name in values),
+        numbers=next((values[name] for name in HEADINGS if name in values), None),
     )
     _check_different(found, yaw_rad, texts.get("view", [""] * len(images)))
     return found

@@ -19,6 +19,7 @@ class Positions:
     cells: Ints | None  # (N, 2) column and row in a grid
     stamps_ns: Ints | None  # (N,)
     turn: tuple[str, ...] = ()  # the columns, or groups of a name, that gave the rotation; (): none
+    numbers: Floats | None = None  # (N,) of the heading as written, where it gave the rotation
 
     def clockwise(self) -> Positions:
         """The same with headings that run clockwise; DataError unless yaw_deg or yaw_rad gave them."""
@@ -36,4 +37,5 @@ def positions_in(table: PoseTable) -> Positions:
     """
     images = table.images()
     position_m = table.position_m(level=True)
-    return Positions(images, position_m, table.rotations(lenient=True), table.cells(), table.stamps_ns(), table.turn)
+    R, turn = table.rotations(lenient=True), table.turn
+    return Positions(images, position_m, R, table.cells(), table.stamps_ns(), turn, table.heading_numbers())
