@@ -111,7 +111,7 @@ def _skipped(path: Path, lines: list[tuple[int, str, list[str]]], graph: PoseGra
     if len(fixed) > 1:
         (first, _), (second, number), *_ = fixed.items()
         raise _error(
-            path, number, f"fixes a second vertex, {second} beside {first}", "leave one id; one vertex can stay"
+            path, number, f"fixes a second vertex, {second} beside {first}, and one vertex can stay", "leave one id"
         )
     if fixed and (stays := int(graph.ids[0])) not in fixed:
         yield (

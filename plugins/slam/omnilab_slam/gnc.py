@@ -64,9 +64,9 @@ class GtsamGnc:
 
     def _limit(self, graph: PoseGraph) -> float:
         """chi2 beyond which a loop closure is rejected: the quantile of `probability` for its degrees of freedom."""
-        from scipy.stats import chi2
+        from scipy.special import gammaincinv
 
-        return float(chi2.ppf(self.probability, graph.information.shape[1]))
+        return float(2 * gammaincinv(graph.information.shape[1] / 2, self.probability))
 
     def _settings(self, loops: Bools) -> Any:
         import gtsam

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from omnilab.api import Graph, Optimized, Parts, PoseGraph
 from omnilab.errors import ConfigError, DataError
@@ -16,6 +17,7 @@ from omnilab.testing import check_study
 from omnilab_studies import PoseGraphStudy
 from omnilab_studies.pose_graph import growth
 from omnilab_studies.pose_graph.figures import colors, deviations
+from omnilab_studies.pose_graph.results import notes_of
 from omnilab_studies.pose_graph.simulated_graphs import Walk, with_wrong_loops
 
 
@@ -237,6 +239,21 @@ def test_the_start_its_gap_and_rejected_edges_are_in_metrics_table_log_and_summa
     assert ("choosing: given is worse", "NOTE") in [(r.text, r.level) for path, r, _ in log.records if path == "log"]
     assert "- choosing: given is worse" in report.summary
     assert found["choosing_problems"] == 1  # a note is none
+
+
+def test_an_optimum_that_noise_does_not_explain_is_said():
+    log = Log()
+    ran(Lazy(), log)
+    graph, _ = WALK.graph(np.random.default_rng(7))
+    (sentence,) = [record.text for path, record, _ in log.records if path == "log" and record.level == "NOTE"]
+    freedom = 3 * (len(graph.edges) - 79)
+    limit = stats.chi2.ppf(1 - 1e-6, freedom)
+    assert f"more than their noise explains ({freedom} degrees of freedom, so below {limit:.6g})" in sentence
+    for share, count in ((0.99, 0), (1.01, 1)):  # of the limit
+        scaled = replace(graph, information=graph.information * share * limit / chi2(graph))
+        assert len(notes_of(scaled, Lazy().optimize(scaled))) == count
+    wrong = replace(Lazy().optimize(graph), weights=np.where(is_loop(graph), 0.4, 1.0))
+    assert notes_of(graph, wrong) == []  # what is left is a tree
 
 
 def test_a_growing_map_grows_in_the_logs():

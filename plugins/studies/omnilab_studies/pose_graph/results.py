@@ -10,7 +10,7 @@ import numpy as np
 
 from omnilab.api import Floats, Ints, Metric, Optimized, PoseGraph
 from omnilab.posegraph.files import g2o_text
-from omnilab.posegraph.graph import is_loop, matrices
+from omnilab.posegraph.graph import edge_chi2, is_loop, matrices
 from omnilab.trajectory.evaluation import Alignment, evaluate, rms
 from omnilab.trajectory.files import tum_text
 from omnilab_studies.common.tables import columns_of, markdown
@@ -43,6 +43,7 @@ SHOWN = {
     "wrong_rejected",
     "time_s",
 }  # and which are in the viewer
+UNLIKELY = 1e-6  # the share of graphs with sound edges whose chi2 is larger than what is said to be too large
 
 
 class GraphTruth(NamedTuple):
@@ -139,6 +140,29 @@ def metrics_of(graph: PoseGraph, rows: Sequence[Mapping[str, Any]], wrong: Ints)
     return [*metrics, *(Metric(name, count, "1") for name, count in counts.items())]
 
 
+def notes_of(graph: PoseGraph, optimized: Optimized) -> list[str]:
+    """What a back end says of its start and of edges, and how the optimum fits."""
+    return [*optimized.notes, *_fit(graph, optimized)]
+
+
+def _fit(graph: PoseGraph, optimized: Optimized) -> list[str]:
+    """A sentence where the edges that count fit worse than their information allows: chi2 beyond its 1 - 10^-6 quantile."""
+    from scipy.special import gammaincinv
+
+    kept = ~optimized.rejected
+    freedom = graph.information.shape[1] * (int(kept.sum()) - len(graph) + 1)
+    if freedom <= 0:
+        return []
+    chi2, limit = float(edge_chi2(graph, optimized.poses)[kept].sum()), 2 * gammaincinv(freedom / 2, 1 - UNLIKELY)
+    if chi2 <= limit:
+        return []
+    sentence = (
+        f"chi2 {chi2:.6g} of the edges that count is more than their noise explains ({freedom} degrees of freedom, so"
+        f" below {limit:.6g}): wrong loop closures, a local minimum, or information that is too large"
+    )
+    return [sentence]
+
+
 def edge_table(graph: PoseGraph, optima: Mapping[str, Optimized], wrong: Ints) -> dict[str, Any]:
     """The table `edges`: each edge's nodes and kind, and by how many standard deviations it is off in each optimum."""
     ends = graph.ids[graph.edges]
@@ -157,7 +181,7 @@ def summary_of(
     loops = int(is_loop(graph).sum())
     size = f"{len(graph)} poses, {len(graph.edges)} edges, {loops} of them loop closures, {len(wrong)} of these wrong"
     shown = {name: column for name, column in columns_of(rows).items() if name in SHOWN}
-    notes = [f"- {name}: {sentence}" for name, one in optima.items() for sentence in one.notes]
+    notes = [f"- {name}: {sentence}" for name, one in optima.items() for sentence in notes_of(graph, one)]
     return "\n".join(["## Pose graph", "", size, "", markdown(shown), "", *notes])
 
 

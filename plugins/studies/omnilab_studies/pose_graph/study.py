@@ -39,6 +39,7 @@ from omnilab_studies.pose_graph.results import (
     edge_table,
     files_of,
     metrics_of,
+    notes_of,
     rows_of,
     summary_of,
 )
@@ -140,7 +141,7 @@ def _show_optimum(record: Recorder, name: str, graph: PoseGraph, optimized: Opti
     record.log(f"after/{name}", drawn(graph, optimized.poses), Tick(step, step * STEP_NS))
     for sentence in optimized.warnings:
         record.log("log", Text(f"{name}: {sentence}", "WARN"))
-    for sentence in optimized.notes:
+    for sentence in notes_of(graph, optimized):
         record.log("log", Text(f"{name}: {sentence}", "NOTE"))
 
 

@@ -133,6 +133,8 @@ def _optimize(parts: Parts, mapping: MappingRun, record: Recorder) -> tuple[dict
             optimized[name], factors = scale_estimation.optimize(backend, graph, front_end.groups, front_end.factors)
         for warning in optimized[name].warnings:
             record.log("log", Text(f"{name}: {warning}", "WARN"))
+        for note in optimized[name].notes:
+            record.log("log", Text(f"{name}: {note}", "NOTE"))
     return optimized, factors
 
 
