@@ -208,6 +208,16 @@ def test_nothing_is_asked_about_what_stands(write, upright):
     assert load_world(write(upright, "upright.obj")).notes == []
 
 
+def test_an_open_room_on_its_side_is_seen(write):
+    text = "v 0 0 0\nv 6 0 0\nv 6 0 5\nv 0 0 5\nv 0 2.5 0\nv 6 2.5 0\nv 6 2.5 5\nv 0 2.5 5\n"
+    walls = "f 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n"
+    assert (
+        "if it should be 6 x 5 m and 2.5 m high, set sensor.up=y"
+        in load_world(write(text + "f 1 2 3 4\n" + walls, "a.obj")).notes[0]
+    )
+    assert load_world(write(text + "f 1 2 3 4\n" + walls, "b.obj"), up="y").notes == []
+
+
 @pytest.mark.parametrize("extent", [(6, 2.5, 6), (2.2, 2.5, 20), (40, 3, 30)])
 def test_rooms_on_their_side_are_seen(write, extent):
     assert "on its side" in load_world(write(box(*extent), "lying.obj")).notes[0]

@@ -19,7 +19,7 @@ SMALLEST_M = 1.0  # and, where it is all of the world, what is smaller
 ROOM_M = 2.7  # a storey
 STOREY_M = 3.5  # nothing is asked about the axis of what is as low as this: it may well stand
 NARROWEST_M = 1.5  # nor of what is narrower than a corridor: a column, a shelf
-MORE = 1.2  # times the level area, where the level axis is to be another one
+FLOOR = 0.7  # of the level area that what would be floors and ceilings must have: they are as much in a room without a ceiling
 
 
 def hints(triangles: Triangles, up: str, scale: float, written: str = SETTING) -> Iterator[str]:
@@ -41,8 +41,8 @@ def hints(triangles: Triangles, up: str, scale: float, written: str = SETTING) -
     if lies_on_its_side(triangles):
         other_up = "z" if up == "y" else "y"
         yield (
-            f"it may lie on its side: with up={up} it is {size_of(extent)}, and has more area across y than level; if it"
-            f" should be {size_of(extent[[0, 2, 1]])}, set {written.format('up', other_up)}"
+            f"it may lie on its side: with up={up} it is {size_of(extent)}, which is more than it is deep; if it should be"
+            f" {size_of(extent[[0, 2, 1]])}, set {written.format('up', other_up)}"
         )
 
 
@@ -72,9 +72,9 @@ def likely_unit(extent: Floats) -> str:
 
 
 def lies_on_its_side(triangles: Triangles) -> bool:
-    """Whether y, rather than z, looks like the vertical: taller than deep, and with floors and ceilings across y."""
+    """Whether y, rather than z, looks like the vertical: taller than deep, and with area for floors across y."""
     low, high = triangles.bounds
     width, depth, height = high - low
     area = np.linalg.norm(triangles.normals, axis=1)
     level_y, level_z = (area[np.abs(triangles.normals[:, axis]) > 0.95 * area].sum() for axis in (1, 2))
-    return bool(height > max(STOREY_M, depth) and width > NARROWEST_M and level_y > MORE * level_z)
+    return bool(height > max(STOREY_M, depth) and width > NARROWEST_M and level_y > FLOOR * level_z)

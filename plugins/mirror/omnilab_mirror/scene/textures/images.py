@@ -39,7 +39,7 @@ def image(s: Section) -> Painter:
 
 def images_of(sections: Iterable[Section]) -> list[Path]:
     """The files of those sections of `textures` that are images."""
-    return [(s.file.parent / s.word("file")).resolve() for s in sections if s.value("kind") == "image"]
+    return [file_below(s.file.parent, s.word("file")) for s in sections if s.value("kind") == "image"]
 
 
 def _image(s: Section, file: str) -> Bytes:
