@@ -19,7 +19,7 @@ from omegaconf.errors import OmegaConfBaseException
 from omnilab.errors import ConfigError, DataError, OmnilabError
 from omnilab.runner.boundaries import ending
 from omnilab.runner.build import build
-from omnilab.runner.config import literal, logs_folder
+from omnilab.runner.config import Run, literal, logs_folder
 from omnilab.runner.execute import execute
 from omnilab.runner.overrides.command_line import for_hydra, quoted
 from omnilab.runner.overrides.compose_errors import sentence
@@ -119,14 +119,23 @@ def _say_new_names(choices: Mapping[str, Any], registry: Registry) -> None:
 
 def _run(config: DictConfig, registry: Registry, folder: Path, overrides: list[str], name: str) -> None:
     try:
-        run = build(config, registry)
+        run = _built(config, registry)
     except OmnilabError:
         if not any(folder.iterdir()):
             folder.rmdir()  # Hydra made it; nothing was run
         raise
-    except SystemExit as error:
-        raise ending(error, "a component that was being made") from error
     execute(run, folder, registry, overrides, name)
+
+
+def _built(config: DictConfig, registry: Registry) -> Run:
+    """The run; PluginError if a component would end the process while it is made."""
+    try:
+        return build(config, registry)
+    except (Exception, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        where = traceback.extract_tb(error.__traceback__)[-1].filename
+        raise ending(error, f"a component that was being made, in {where},") from error
 
 
 def _note_failure(folder: Path, overrides: list[str], name: str, error: Exception) -> None:

@@ -89,6 +89,8 @@ def load_places(path: Path) -> Places:
     count = len(place) if place.ndim else 0
     if count == 0:
         raise _unusable(path, "it has no places")
+    if place.ndim < 2 or 0 in place.shape or (heading is not None and (heading.ndim < 2 or 0 in heading.shape)):
+        raise _unusable(path, "its signatures hold no numbers")
     for name, part, kind, shape in (
         ("place", place, np.float32, place.shape), ("keys", keys, np.str_, (count,)),
         ("heading", heading, np.float32, (count, *(heading.shape[1:] if heading is not None else ()))),

@@ -28,6 +28,7 @@ class Panic(BaseException):
 class Bad:
     """A descriptor."""
     view, color, rotation, default_distance = "panorama", False, {rotation!r}, "euclidean"
+    def __post_init__(self): {init}
     def describe(self, images):
         place = images[:, ::16, ::64].astype(np.float32)
         {describe}
@@ -68,7 +69,7 @@ def register_localizers(register): register("bad", BadLocalizer)
 @hookimpl
 def register_studies(register): register("bad", BadStudy)
 '''
-SOUND = dict.fromkeys(("describe", "match", "locate", "study"), "pass") | {"rotation": "none"}
+SOUND = dict.fromkeys(("init", "describe", "match", "locate", "study"), "pass") | {"rotation": "none"}
 
 
 @pytest.fixture
@@ -131,6 +132,16 @@ def test_a_run_with_a_bad_plugin_fails(run: Any, spoilt: Any, chosen: str, expec
         assert failed.state == "failed"
         assert failed.status["error"].removeprefix("PluginError: ") in err or "SystemExit" in failed.status["error"]
         assert failed.metrics == {}
+
+
+@pytest.mark.parametrize("end", ["SystemExit(3)", "Panic('in Rust')"])
+def test_a_component_that_would_end_the_process_while_it_is_made(run: Any, end: str, tmp_path: Path) -> None:
+    rc, out, err = run("descriptor=bad", init=f"raise {end}")
+    assert (rc, out) == (2, "")
+    file = tmp_path / "bad.py"
+    assert err.startswith(f"omnilab: a component that was being made, in {file}, tried to end the process (")
+    assert err.count("\n") == 1
+    assert list((tmp_path / "logs/recorded_grid").iterdir()) == []
 
 
 def test_signatures_that_are_not_finite_are_not_kept(run: Any, tmp_path: Path) -> None:
