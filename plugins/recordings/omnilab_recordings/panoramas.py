@@ -44,6 +44,11 @@ def panorama_camera(kind: Panorama, width: int, height: int) -> EquirectangularC
     DataError if the frame is too high for that.
     """
     half = np.pi * height / width  # the radius of the cylinder is the unit
+    if kind is Panorama.strip and height >= width:
+        raise DataError(
+            f"sensor.panorama=strip, but {width} x {height} pixels are no strip around 360 degrees, which is wider than high;"
+            " leave it out"
+        )
     if kind is Panorama.strip:
         highest = float(np.rad2deg(np.arctan(half)))
         return CylindricalCamera(width, height, FRONT_IN_THE_MIDDLE_DEG, True, -highest, highest)
@@ -61,7 +66,7 @@ def proposed(sample: Sequence[DecodedImage]) -> tuple[Panorama | None, bool]:
     height, width = sample[0].shape
     if width < 1.98 * height:
         return None, False
-    closed = any(image.header.equirectangular for image in sample) or _closes(sample)
+    closed = any(image.header.equirectangular for image in sample) or closes(sample) is True
     if width <= 2.02 * height:
         return Panorama.equirectangular, closed
     return (Panorama.strip, closed) if closed or width >= 3 * height else (None, False)
@@ -83,13 +88,13 @@ def proposal(sample: Sequence[DecodedImage]) -> str | None:
     )
 
 
-def _closes(sample: Sequence[DecodedImage]) -> bool:
-    """Whether the right edges of images continue at their left, as far as the pictures tell."""
+def closes(sample: Sequence[DecodedImage]) -> bool | None:
+    """Whether the right edges of images continue at their left; None where the edges are plain and cannot tell."""
     columns = np.stack([image.pixels for image in sample[:CLOSELY]]).astype(np.int16)
+    contrast = columns.std(axis=1).mean(axis=0)  # of each column
+    if min(contrast[0], contrast[-1]) <= max(APART * float(np.median(contrast)), 1):
+        return None
     ends = float(np.abs(columns[:, :, 0] - columns[:, :, -1]).mean())
     neighbours = float(np.abs(np.diff(columns, axis=2)).mean())
-    contrast = columns.std(axis=1).mean(axis=0)  # of each column
-    if min(contrast[0], contrast[-1]) < APART * float(np.median(contrast)):  # plain, as a dark frame is
-        return False
     opposite = float(np.abs(columns - np.roll(columns, columns.shape[2] // 2, axis=2)).mean())
     return ends < CLOSES * neighbours + 1 and ends < APART * opposite

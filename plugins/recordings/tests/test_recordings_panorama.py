@@ -140,6 +140,23 @@ def test_what_is_too_high_for_a_sphere(tmp_path):
         read_all(Folder(root, panorama="equirectangular"))
 
 
+def test_what_is_too_high_for_a_strip(tmp_path):
+    with pytest.raises(DataError, match=r"80 x 80 pixels are no strip around 360 degrees, which is wider than high"):
+        read_all(Folder(write(tmp_path, [np.full((80, 80), 90, np.uint8)]), panorama="strip"))
+
+
+def test_a_panorama_that_does_not_close_is_a_question(tmp_path, findings):
+    camera = CylindricalCamera(480, 50, 180, True, -33, 33)
+    root = write(tmp_path, [half(world(camera, i)) for i in range(4)])
+    assert "do not continue at their left: are they panoramas over 360 degrees?" in findings(
+        root, "--panorama", "strip"
+    )
+    root = write(tmp_path, [world(CylindricalCamera(240, 50, 180, True, -33, 33), i) for i in range(4)])
+    assert "do not continue" not in findings(root, "--panorama", "strip")
+    root = write(tmp_path, [np.full((50, 240), 90 + i, np.uint8) for i in range(4)])  # cannot tell
+    assert "do not continue" not in findings(root, "--panorama", "strip")
+
+
 # -------------------------------------------------------------------------------------------------------- proposals
 def test_panoramas_taken_for_mirrors_are_proposed_to_be_what_they_are(tmp_path, caplog, findings):
     camera = EquirectangularCamera(256, 128, 180, True)

@@ -10,7 +10,7 @@ from omnilab_recordings import remarks
 from omnilab_recordings.checks.dataset_check import CheckedFile, Finding
 from omnilab_recordings.folder import Folder
 from omnilab_recordings.optics import most_alike
-from omnilab_recordings.panoramas import proposal, proposed
+from omnilab_recordings.panoramas import closes, proposal, proposed
 
 
 def of_reading(sensor: Folder, files: Sequence[CheckedFile]) -> Iterator[Finding]:
@@ -26,8 +26,11 @@ def of_reading(sensor: Folder, files: Sequence[CheckedFile]) -> Iterator[Finding
 
 
 def as_panorama(sensor: Folder) -> tuple[Folder, Finding | None]:
-    """The sensor, taking pictures for panoramas where they close on themselves as these do, and the finding about it."""
+    """The sensor, taking pictures for panoramas where they close on themselves as these do; what is found, if not as given."""
     alike = most_alike(sensor.sample)
+    if sensor.panorama is not None and closes(alike) is False:
+        text = "the right edges of the pictures do not continue at their left: are they panoramas over 360 degrees?"
+        return sensor, Finding("panorama", "?", f"{text} If not, leave out --panorama (sensor.panorama)")
     if not sensor.guessed_circle or (sentence := proposal(alike)) is None:
         return sensor, None
     kind, closed = proposed(alike)
