@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from omnilab.api import PoseGraph
 from omnilab.errors import DataError
+from omnilab.posegraph.files import read_graph
 from omnilab.posegraph.graph import between, chi2, dead_reckoning, matrices, residuals, vectors
 from omnilab_slam import GtsamBatch, GtsamGnc, GtsamIsam2, starts
 from omnilab_slam.chordal import chordal
@@ -221,3 +223,14 @@ def test_a_local_minimum_of_poses_as_they_come_is_said_beside_the_lower_one():
     assert "backend=gtsam_batch keeps that" in found.notes[-1]
     quiet = GtsamIsam2().optimize(two_laps(planar=True, seed=2)[0])
     assert (quiet.starts, list(quiet.notes)) == ({}, [])
+
+
+@pytest.mark.parametrize("backend", [GtsamBatch(), GtsamGnc()], ids=["batch", "gnc"])
+def test_a_walk_that_odometry_winds_up_reaches_its_optimum(backend):
+    path = Path(__file__).parents[3].parent / "shared/cases/pose_graph_local_minimum/walk100.g2o"
+    if not path.is_file():
+        pytest.skip("walk100.g2o, the graph of a case, is not there")
+    found = backend.optimize(read_graph(path))
+    assert found.chi2 == pytest.approx(40.0798, rel=1e-5)
+    assert list(found.starts) == ["chordal", "given"]
+    assert not found.rejected.any()
