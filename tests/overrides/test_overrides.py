@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -12,6 +14,7 @@ from omegaconf import OmegaConf
 from omnilab.errors import ConfigError
 from omnilab.runner.config import Settings, literal
 from omnilab.runner.overrides.command_line import for_hydra
+from omnilab.runner.overrides.setting_types import may_have_settings
 from omnilab.runner.registry import discover
 from omnilab.runner.run_folder import find_runs, load_run
 from omnilab_recordings import Folder
@@ -91,6 +94,17 @@ def test_values_that_hydra_takes_are_handed_on_unchanged(registry):
         "descriptor=radon,hog", "study.extent_m=[1.0,2.0],[3.0,4.0]", "sensor.world='a,b'", "sensor.world=choice(a,b)",
     ]  # fmt: skip
     assert for_hydra(["-m", *swept], registry) == ["--multirun", *swept]
+
+
+def test_settings_of_settings():
+    @dataclass
+    class Inner:
+        size: int = 1
+
+    for cls, expected in [(Inner, True), (Inner | None, True), (dict[str, int], True), (dict, True), (Any, True),
+                          (int, False), (int | None, False), (list[float], False), (str, False)]:  # fmt: skip
+        assert may_have_settings([cls]) == expected
+    assert may_have_settings([int, Inner])
 
 
 def test_commas_are_a_sweep_with_m_also_among_odd_texts(registry):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import fields
 from functools import cache
 from pathlib import Path
 from typing import Any, NoReturn
@@ -24,7 +24,7 @@ from omnilab.api import KINDS
 from omnilab.errors import ConfigError, did_you_mean
 from omnilab.runner.config import Run, literal
 from omnilab.runner.overrides.compose_errors import recipes
-from omnilab.runner.overrides.setting_types import is_list_of_texts, is_text, types_of, wanted
+from omnilab.runner.overrides.setting_types import is_list_of_texts, is_text, may_have_settings, types_of, wanted
 from omnilab.runner.registry import Registry
 
 OPTIONS = {  # what may follow each
@@ -177,7 +177,7 @@ def _check_depth(name: str, registry: Registry) -> None:
     for count in range(1, len(parts)):
         above = ".".join(parts[:count])
         types = types_of(above, registry)
-        if types and not any(t is Any or is_dataclass(t) or "dict" in str(t) for t in types):
+        if types and not may_have_settings(types):
             raise ConfigError(
                 f"'{name}' is not a setting: {above} has none of its own; it takes {wanted(types, above)}"
             )

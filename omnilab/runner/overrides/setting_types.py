@@ -71,6 +71,12 @@ def is_list_of_texts(found: Sequence[Any]) -> bool:
     return bool(members) and all(get_origin(m) is list and get_args(m)[0] in TEXTS for m in members)
 
 
+def may_have_settings(found: Sequence[Any]) -> bool:
+    """Whether any of these types has settings of its own: a dataclass, a dictionary, or what is not known."""
+    members = [member for cls in found for member in _members(cls)]
+    return any(m is Any or _is_component(m) or m is dict or get_origin(m) is dict for m in members)
+
+
 def wanted(found: Sequence[Any], key: str) -> str:
     """What a setting takes, in words."""
     return " or ".join(dict.fromkeys(_words(cls, key) for cls in found)) or "a value such as 3, text or [1,2]"
