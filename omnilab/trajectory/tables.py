@@ -188,7 +188,7 @@ def _finite_number(text: str) -> float:
     return float(text) if _finite(text) else math.nan
 
 
-def _hint(column: str, text: str, value: float) -> str:
+def _hint(column: str, text: str, value: object) -> str:
     """What a value that cannot be used may have been meant to be."""
     if re.fullmatch(r"[-+]?\d+,\d+", text):
         return f" with a point, {text.replace(',', '.')}"
