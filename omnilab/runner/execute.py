@@ -25,9 +25,10 @@ from omnilab.runner.fingerprint import file_digests
 from omnilab.runner.map_file import FILE, load_places, save_map
 from omnilab.runner.recorder import Recorder
 from omnilab.runner.registry import Registry
-from omnilab.runner.run_folder import DONE, FAILED, INTERRUPTED, RunFolder, origin
+from omnilab.runner.run_folder import DONE, FAILED, INTERRUPTED, WARNINGS, RunFolder, origin
 from omnilab.runner.signature_cache import SignatureCache
 
+SHOWN = 3  # warnings above a summary
 OFF = ("off", "false")  # what YAML makes of off
 
 log = logging.getLogger("omnilab")
@@ -74,10 +75,18 @@ def execute(run: Run, folder: Path, registry: Registry, overrides: Sequence[str]
 
 def _log_results(report: Report, recorder: Recorder) -> None:
     """The summary of a study, and what it left out, into the logs."""
-    if report.summary:
-        recorder.log("summary", Text(report.summary, markdown=True))
+    if summary := "\n\n".join(filter(None, [_warned(list(recorder.warnings)), report.summary])):
+        recorder.log("summary", Text(summary, markdown=True))
     for sentence in report.omitted:
         recorder.log("log", Text(f"left out: {sentence}"))
+
+
+def _warned(warnings: Sequence[str]) -> str:
+    """The first warnings as Markdown, above the results; "" without any."""
+    shown = [f"> **Warning**: {' '.join(warning.split())}" for warning in warnings[:SHOWN]]
+    if more := len(warnings) - len(shown):
+        shown.append(f"> {more} more are in `{WARNINGS}`.")
+    return "\n>\n".join(shown)
 
 
 def manifest_of(

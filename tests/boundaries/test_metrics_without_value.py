@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from omnilab.api import Metric, Report, Text
+from omnilab.api import Metric, Record, Report, Text, Tick
 from omnilab.errors import DataError
+from omnilab.runner.execute import _log_results
 from omnilab.runner.recorder import Recorder
 from omnilab.runner.run_folder import DONE, RunFolder, load_run, write_summary
 from omnilab.runner.terminal import headline, show_run
@@ -94,3 +95,23 @@ def test_a_run_without_warnings_has_no_such_file(tmp_path: Path) -> None:
     run.write(Report([Metric("rate", 1, "1")]), Recorder().warnings)
     run.close()
     assert not (run.folder / "warnings.txt").exists()
+
+
+def test_warnings_stand_above_the_results_in_the_viewer() -> None:
+    shown: list[str] = []
+
+    class Keeps(Recorder):
+        def log(self, path: str, record: Record, tick: Tick | None = None) -> None:
+            super().log(path, record, tick)
+            if path == "summary" and isinstance(record, Text):
+                shown.append(record.text)
+
+    record = Keeps()
+    _log_results(Report([], summary="## Results"), record)
+    for i in range(5):
+        record.log("log", Text(f"warning\n{i}", "WARN"))
+    _log_results(Report([], summary="## Results"), record)
+    first, second = shown
+    assert first == "## Results"
+    lines = [f"> **Warning**: warning {i}" for i in range(3)]
+    assert second == "\n>\n".join([*lines, "> 2 more are in `warnings.txt`."]) + "\n\n## Results"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -21,10 +22,19 @@ def markdown(table: Mapping[str, Sequence[Any]]) -> str:
 
 
 def _brief(cell: Any) -> str:
-    return f"{cell:.4g}" if isinstance(cell, float) else str(cell)
+    if not isinstance(cell, float):
+        return str(cell)
+    return "–" if math.isnan(cell) else f"{cell:.4g}"
 
 
 def markdown_table(metrics: list[Metric], title: str) -> str:
     """Metrics as a Markdown document with a title, for the viewer."""
-    rows = [f"| {m.name.replace('_', ' ')} | {m.value:.4g} {'' if m.unit == '1' else m.unit} |" for m in metrics]
+    rows = [f"| {m.name.replace('_', ' ')} | {_measured(m)} |" for m in metrics]
     return "\n".join([f"## {title}", "", "| | |", "|---|---|", *rows])
+
+
+def _measured(metric: Metric) -> str:
+    """Value and unit, or why there is no value."""
+    if math.isnan(metric.value):
+        return f"– {metric.note}".rstrip()
+    return f"{metric.value:.4g} {'' if metric.unit == '1' else metric.unit}"

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from omnilab.api import Circle, Estimates, Frames, GridPoses, Match, Parts, Places, Plan, Signatures
+from omnilab.api import Circle, Estimates, Frames, GridPoses, Match, Metric, Parts, Places, Plan, Signatures
 from omnilab.cameras import ImageCircle
 from omnilab.errors import DataError
 from omnilab.geometry import planar_poses
@@ -13,6 +13,7 @@ from omnilab.metrics import equal, first_alike
 from omnilab.runner.recorder import Recorder
 from omnilab_studies import Grid
 from omnilab_studies.common.scores import Degeneracy, score
+from omnilab_studies.common.tables import markdown, markdown_table
 from omnilab_studies.localization.grid.study import Queries
 from omnilab_studies.localization.map.study import MapStudy
 
@@ -213,6 +214,12 @@ def test_a_map_of_equal_pictures_is_told_when_it_is_made():
     report = MapStudy(step_m=1.0).run(parts, record, np.random.default_rng(1))
     assert [warning[:36] for warning in record.warnings] == ["all 4 places of the map have equal s"]
     assert report.metrics[-1].name == "step"
+
+
+def test_the_viewer_shows_why_there_is_no_value():
+    metrics = [Metric("error_mean", float("nan"), "m", note="no answer"), Metric("rate", 0.5, "1")]
+    assert markdown_table(metrics, "T").splitlines()[-2:] == ["| error mean | – no answer |", "| rate | 0.5  |"]
+    assert "nan" not in markdown({"a": [float("nan"), 1.0]})
 
 
 def test_equal_signatures():
