@@ -2,13 +2,14 @@
 
 import contextlib
 import threading
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from omnilab.errors import DataError
-from omnilab_studies.common.dataset_files import DataSet
+from omnilab_studies.common.dataset_files import DataSet, component_settings, default_settings
 
 CONTENTS = {"sensor": {"class": "package.Sensor"}, "planned": 2}
 
@@ -75,3 +76,27 @@ def test_two_that_write_the_same_files_do_not_meet(tmp_path):
     assert failed == []
     assert [int(data.read(n).max()) for n in (0, 1)] == [0, 1]
     assert not list(tmp_path.rglob("*.part"))
+
+
+@dataclass
+class Sensor:
+    size: int = 64
+    scale: float = 1.0  # came with a later version
+    names: list[str] = field(default_factory=lambda: ["a"])  # this, too
+
+
+def test_a_data_set_begun_before_a_setting_existed_goes_on_with_its_default_alone(tmp_path):
+    def contents(sensor):
+        return {"sensor": component_settings(sensor)}
+
+    begun = contents(Sensor())
+    del begun["sensor"]["scale"], begun["sensor"]["names"]
+    defaults = {"sensor": default_settings(Sensor(size=32, scale=2.0))}
+    DataSet(tmp_path).open(begun)
+    DataSet(tmp_path).open(contents(Sensor()), defaults)
+    for other, what in (
+        (Sensor(scale=0.01), "sensor.scale is 1.0, not 0.01"),
+        (Sensor(size=32), "sensor.size is 64, not 32"),
+    ):
+        with pytest.raises(DataError, match=what):
+            DataSet(tmp_path).open(contents(other), defaults)

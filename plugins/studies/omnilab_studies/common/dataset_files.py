@@ -9,7 +9,7 @@ import json
 import os
 import secrets
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import MISSING, Field, asdict, dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -49,8 +49,11 @@ class DataSet:
         except FileNotFoundError:
             return False
 
-    def open(self, contents: Mapping[str, Any]) -> None:
-        """Begin a data set of these contents, or go on with one; DataError if the folder holds anything else."""
+    def open(self, contents: Mapping[str, Any], defaults: Mapping[str, Any] | None = None) -> None:
+        """Begin a data set of these contents, or go on with one; DataError if the folder holds anything else.
+
+        `defaults` hold for what a data set does not say that was begun by an earlier version.
+        """
         if self.folder.is_file():
             raise DataError(f"{self.setting}={self.folder} is a file; give a new folder")
         try:
@@ -61,7 +64,7 @@ class DataSet:
         except OSError as error:
             raise self._not_written(error) from error
         if begun:
-            self._check_same(contents)
+            self._check_same(contents, defaults or {})
         else:  # before anything else: whatever is in the folder is then known to be of this data set
             self._write_about({**contents, "complete": False})
         try:
@@ -118,7 +121,7 @@ class DataSet:
         """Mark the data set as complete, and add results."""
         self._write_about({**contents, "complete": True, "omnilab": version("omnilab"), **found})
 
-    def _check_same(self, contents: Mapping[str, Any]) -> None:
+    def _check_same(self, contents: Mapping[str, Any], defaults: Mapping[str, Any]) -> None:
         try:
             if (self.folder / ABOUT).stat().st_size > LARGEST_FILE:
                 raise OSError(errno.EFBIG, f"larger than {LARGEST_FILE >> 20} MiB")
@@ -132,10 +135,9 @@ class DataSet:
             ) from None
         old, new = dict(_flat(there)), dict(_flat(json.loads(json.dumps(contents, default=str))))
         old |= {key: _class_name(str(old[key])) for key in old if key.rpartition(".")[2] == "class"}
-        later = {
-            key for key in new if key not in old and key.startswith("sensor.")
-        }  # settings that it was begun without
-        for key in [*old, *(key for key in new if key not in later)]:
+        default = _flat(json.loads(json.dumps(defaults, default=str)))
+        old = {key: value for key, value in default if key in new} | old  # it may be older than a setting
+        for key in [*old, *new]:
             if old.get(key) != new.get(key):
                 raise DataError(
                     f"{self.setting}={self.folder} holds another data set: its {key} is {_short(old.get(key))}, not"
@@ -197,6 +199,15 @@ def describe_camera(camera: Camera) -> dict[str, Any]:
         ring = camera.circle
         about |= {"circle_px": [ring.cx, ring.cy, ring.radius, ring.inner], "sky_inside": camera.sky_inside}
     return about
+
+
+def default_settings(part: Any) -> dict[str, Any]:
+    """What the settings of a component's class are if nobody says otherwise, as `component_settings` holds them."""
+    return {f.name: default for f in fields(part) if (default := _default(f)) is not MISSING}
+
+
+def _default(setting: Field[Any]) -> Any:
+    return setting.default if setting.default_factory is MISSING else setting.default_factory()
 
 
 def component_settings(part: Any) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import numpy as np
 from omnilab.api import Camera, Floats, Frames, Parts, Plan, RecordedPoses, Recorder, Text
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses
-from omnilab_studies.common.dataset_files import DataSet, component_settings, contents_of
+from omnilab_studies.common.dataset_files import DataSet, component_settings, contents_of, default_settings
 from omnilab_studies.common.frames import deliver
 
 KNOWN = "known"  # the sensor of views from before
@@ -51,7 +51,8 @@ class ViewWriter:
         components = {name: component_settings(part) for name, part in used.items()}
         self._contents = {**contents_of(parts, plan, seed), "seed": seed, "asked": components, "settings": settings}
         self._data = DataSet(Path(folder), "study.keep")
-        self._data.open(self._contents)
+        defaults = {"asked": {name: default_settings(part) for name, part in used.items()}}
+        self._data.open(self._contents, {"sensor": default_settings(parts.sensor), **defaults})
         self._keys, self._stamps_ns, self._heights_m = list[str](), list[int](), list[float]()
 
     def add(self, frame: Frames, record: Recorder) -> None:

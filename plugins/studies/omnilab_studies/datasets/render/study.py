@@ -37,7 +37,7 @@ from omnilab.geometry import heading_of
 from omnilab.image import panorama
 from omnilab.trajectory import plausibility
 from omnilab.trajectory.files import read_trajectory
-from omnilab_studies.common.dataset_files import DataSet, contents_of
+from omnilab_studies.common.dataset_files import DataSet, contents_of, default_settings
 from omnilab_studies.common.grids import grid_poses
 from omnilab_studies.common.image_columns import check_heights, check_positions, column_poses
 from omnilab_studies.common.logs import start_logs
@@ -138,7 +138,7 @@ class Render:
         seed = int(rng.integers(2**32))  # of the disturbances
         contents = contents_of(parts, plan, seed)
         data = DataSet(Path(self.folder))
-        data.open(contents)
+        data.open(contents, {"sensor": default_settings(parts.sensor)})
         if plan.T_world_camera is not None:
             record.log("places", PlaceMap(plan.T_world_camera[:, :3, 3], heading_of(plan.T_world_camera)))
 
