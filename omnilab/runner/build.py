@@ -22,6 +22,8 @@ from omnilab.runner.overrides.compose_errors import not_inserted, sentence
 from omnilab.runner.overrides.setting_types import wanted
 from omnilab.runner.registry import DICTS, Registry, members
 
+LONGEST_TEXT = 4096  # characters, as of a path
+
 log = logging.getLogger("omnilab")
 
 
@@ -151,6 +153,8 @@ def _refuse_out_of_range(settings: DictConfig, path: str) -> None:
     for name, value in values.items():
         if any("\0" in text for text in _texts(value)):
             raise ConfigError(f"{path}{name} holds the character NUL, which no name and no path has; leave it out")
+        if (longest := max(map(len, _texts(value)), default=0)) > LONGEST_TEXT:
+            raise ConfigError(f"{path}{name} holds a text of {longest} characters; give up to {LONGEST_TEXT}")
 
 
 def _texts(value: Any) -> Iterator[str]:

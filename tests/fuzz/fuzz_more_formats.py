@@ -13,6 +13,7 @@ from fuzz_containers import in_glb, in_npz, in_png
 from fuzz_formats import FORMATS, Format, pictures, recording, sound_camera, text_file
 
 from omnilab.cameras import PinholeCamera, load_camera, save_camera
+from omnilab_studies.common.dataset_files import DataSet
 
 KALIBR = """cam0:
   T_cam_imu:
@@ -50,7 +51,6 @@ PYOCAMCALIB = json.dumps({
     "taylor_coefficient": [-120.0, 0.0, 1.1e-3, -2e-6, 1e-8], "stretch_matrix": [[1.0, 0.0], [0.0, 1.0]],
     "distortion_center": [121.0, 120.0], "image_size": [242, 240],
 })  # fmt: skip
-ABOUT = {"format": "omnilab data set", "version": 1, "complete": True}
 
 
 def kalibr(model: str, distortion: str, more: str = "") -> str:
@@ -80,7 +80,18 @@ def data_set(folder: Path) -> None:
     (folder / "positions.csv").write_text(
         "image,x_m,y_m,z_m,yaw_deg\n" + "".join(f"images/{i}.png,{i},0,1,{i}\n" for i in range(3))
     )
-    (folder / "dataset.json").write_text(json.dumps(ABOUT))
+
+
+def begun(folder: Path) -> None:
+    """A data set that is begun, or gone on with."""
+    contents = {
+        "sensor": {"class": "Mirror", "size": 32, "world": "room"},
+        "disturbances": {},
+        "plan": "a1b2",
+        "seed": 7,
+        "frames": 3,
+    }
+    DataSet(folder).open(contents)
 
 
 def deep_picture(kind: Callable[[np.ndarray], np.ndarray], suffix: str) -> Callable[[Path], None]:
@@ -106,7 +117,7 @@ MORE: dict[str, Format] = {
     "calibration_opencv": Format("camera.yml", of_opencv, lambda folder: sound_camera(load_camera(folder / "camera.yml"))),
     "dataset_positions": Format("positions.csv", data_set, lambda folder: recording(folder, circle_px=None)),
     "dataset_camera": Format("camera.json", data_set, lambda folder: recording(folder, circle_px=None)),
-    "dataset_about": Format("dataset.json", data_set, lambda folder: recording(folder, circle_px=None)),
+    "dataset_about": Format("dataset.json", begun, begun),
     "picture_16_bit": picture(lambda ramp: (ramp * 65535).astype(np.uint16)),
     "picture_alpha": picture(lambda ramp: np.dstack([np.tile(ramp[..., None] * 255, 3), 255 - ramp * 100]).astype(np.uint8)),
     "within_map": replace(FORMATS["map_npz"], mutate=in_npz),

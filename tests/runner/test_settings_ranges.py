@@ -193,15 +193,16 @@ def test_components_of_others_need_only_finite_numbers(omnilab_here, tmp_path, m
     assert (result.rc, result.stderr) == (2, "omnilab: descriptor.factor=nan is not a number; give a finite number\n")
 
 
-@pytest.mark.parametrize(("slot", "setting_name", "value"), [
-    ("sensor", "world", "a\0b"), ("study", "path", "a\0b"), ("sensors.other", "variant", "a\0b"),
+@pytest.mark.parametrize(("slot", "setting_name", "value", "told"), [
+    ("sensor", "world", "a\0b", "holds the character NUL"), ("study", "path", "a\0b", "holds the character NUL"),
+    ("sensors.other", "variant", "a\0b", "holds the character NUL"), ("sensor", "up", "y" * 5000, "holds a text of 5000 characters"),
 ])  # fmt: skip
-def test_a_text_with_nul_is_refused(slot: str, setting_name: str, value: str) -> None:
+def test_a_text_that_is_no_name_and_no_path_is_refused(slot: str, setting_name: str, value: str, told: str) -> None:
     config = OmegaConf.structured(Run)
     config.study = OmegaConf.structured(MapStudy)
     config.sensor, config.sensors = OmegaConf.structured(Mirror), {"other": OmegaConf.structured(Mirror)}
     OmegaConf.update(config, f"{slot}.{setting_name}", value)
-    with pytest.raises(ConfigError, match=f"{slot}.{setting_name} holds the character NUL"):
+    with pytest.raises(ConfigError, match=f"{slot}.{setting_name} {told}"):
         build(config, discover(""))
 
 
