@@ -232,7 +232,7 @@ class LoadedRun:
         return rows
 
     def _metric(self, row: Mapping[str, str], column: str) -> float:
-        if not row[column] and row.get("note"):
+        if row.get(column) == "" and row.get("note"):
             return math.nan
         try:
             return float(row[column])

@@ -85,7 +85,7 @@ def data_set(folder: Path) -> None:
 def begun(folder: Path) -> None:
     """A data set that is begun, or gone on with."""
     contents = {
-        "sensor": {"class": "Mirror", "size": 32, "world": "room"},
+        "sensor": {"size": 32, "world": "room"},
         "disturbances": {},
         "plan": "a1b2",
         "seed": 7,

@@ -25,7 +25,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 
 MEMORY = 2 * 2**30  # bytes that an input may take
-PATIENCE_S = 60  # until a worker that says nothing has hung
+PATIENCE_S = 200  # until a worker that says nothing has hung
 START_S = 600  # which it may take to import and to compile
 Report = tuple[str, int, str, str]  # family, number, verdict, text
 
@@ -118,15 +118,16 @@ def _work(name: str, first: int, count: int) -> int:
     out = os.fdopen(os.dup(1), "w")
     void = os.open(os.devnull, os.O_WRONLY)
     os.dup2(void, 1)
-    from fuzz_engine import outcome_of
-    from fuzz_families import FAMILIES
+    from fuzz_engine import SECONDS, outcome_of
+    from fuzz_families import FAMILIES, SLOW
 
+    seconds = 120 if name in SLOW else SECONDS
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
         use = FAMILIES[name](Path(folder) / "input")
         _limit_memory()
         for number in range(first, first + count):
-            found = outcome_of(lambda number=number: use(f"{name}:{number}"))  # type: ignore[misc]
+            found = outcome_of(lambda number=number: use(f"{name}:{number}"), seconds)  # type: ignore[misc]
             out.write(json.dumps([name, number, found.verdict, found.text]) + "\n")
             out.flush()
     return 0

@@ -251,3 +251,9 @@ def test_settings_that_make_no_sense_are_refused(kind, settings):
 @pytest.mark.parametrize("disturbance", [UniformNoise(), Occlusion(), Blur(), Light(), Tilt()], ids=repr)
 def test_no_images_give_no_images(disturbance):
     assert _apply(disturbance, np.zeros((0, 200, 200), np.uint8)).shape == (0, 200, 200)
+
+
+def test_no_noise_may_be_written_with_a_sign():
+    images = np.full((1, 4, 4), 9, np.uint8)
+    for noise in (GaussianNoise(-0.0), UniformNoise(-0.0)):
+        assert np.array_equal(noise.apply(images, MIRROR, [np.random.default_rng(0)]), images)

@@ -40,7 +40,8 @@ class UniformNoise(_Noise):
         check_settings(self)
 
     def _draw(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Floats:
-        return rng.uniform(0 if self.positive else -255 * self.level, 255 * self.level, shape)
+        most = 255 * abs(self.level)  # -0.0 is within the range, and no end of one
+        return rng.uniform(0 if self.positive else -most, most, shape)
 
 
 @dataclass
@@ -53,7 +54,7 @@ class GaussianNoise(_Noise):
         check_settings(self)
 
     def _draw(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Floats:
-        return rng.normal(0, 255 * self.sigma, shape)
+        return rng.normal(0, abs(255 * self.sigma), shape)  # -0.0 is within the range, and no scale
 
 
 @dataclass
