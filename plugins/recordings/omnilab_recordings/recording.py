@@ -44,7 +44,7 @@ class Recording:
             wanted = "on a given path" if isinstance(layout, PathPoses | NamedPath) else "at random poses"
             raise DataError(f"{self}, and none {wanted}; {self._remedy}")
         if not taken.any():
-            raise DataError(f"{self}, and none that {layout} requests; {self._remedy}")
+            raise DataError(f"{self}, and none {_said(layout)}; {self._remedy}")
         return np.flatnonzero(taken)
 
     def stamps_ns(self, names: Iterable[str]) -> Ints:
@@ -68,9 +68,16 @@ class Recording:
         return None if self.positions is None else find_grid(self.positions)
 
     @property
+    def _is_one_place(self) -> bool:
+        """Whether several images are said to have been taken at one position, as far as a grid tells positions apart."""
+        return len(self.images) > 1 and self.grid is not None and not np.ptp(self.grid.cells, axis=0).any()
+
+    @property
     def _remedy(self) -> str:
         if self.positions is None:
             return f"ask for all that was recorded, give sensor.names, or write a {POSITIONS_FILE}"
+        if self._is_one_place:
+            return "ask for all that was recorded, or mend the positions, which are in metres"
         if self.grid is None:
             return "ask for all that was recorded, or add the columns ix and iy (the place in the grid)"
         return "ask for a grid of its rows and columns, or for what was recorded beside it, e.g. study.queries=rest"
@@ -79,7 +86,20 @@ class Recording:
         where = "without positions"
         if self.positions is not None:
             where = "at positions that form no grid" if self.grid is None else f"on a {self.grid}"
+            where = "at one and the same position" if self._is_one_place else where
         return f"the folder {self.folder} holds {len(self.images)} images {where}"
+
+
+def _said(layout: GridPoses | RecordedPoses) -> str:
+    """Which images a layout takes, for a sentence on there being none."""
+    if isinstance(layout, RecordedPoses):
+        assert layout.without is not None
+        return f"besides those {_said(layout.without)}"
+    count = "every row and column" if layout.every in (None, 1) else f"each {layout.every} rows and columns"
+    lines = count if layout.step_m is None else f"{layout.step_m} m"
+    area = "" if layout.extent_m is None else f" within {layout.extent_m[0]} x {layout.extent_m[1]} m"
+    height = "" if layout.height_m is None else f" at a height of {layout.height_m} m"
+    return f"on a grid of {lines}{area}{height}"
 
 
 def open_recording(

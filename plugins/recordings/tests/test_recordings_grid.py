@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from omnilab.api import GridPoses, RecordedPoses
+from omnilab.errors import DataError
+from omnilab_recordings import Folder
 from omnilab_recordings.poses.grid import find_grid
 from omnilab_recordings.poses.positions import Positions
 
@@ -41,3 +45,21 @@ def test_scattered_positions_and_a_fine_line_are_no_grid():
     rng = np.random.default_rng(3)
     assert find_grid(positions(rng.uniform(0, 5, (30, 2)))) is None
     assert find_grid(positions(np.column_stack([np.linspace(0, 1, 200), np.zeros(200)]))) is None
+
+
+@pytest.mark.parametrize("step_m", [0.0, 0.00001])
+def test_images_at_one_position_have_nothing_beside_them_and_are_said_to_be_at_one(write_grid, step_m):
+    """Also degrees of longitude and latitude, or kilometres, taken as metres."""
+    sensor = Folder(str(write_grid(3, 2, step_m)))
+    with pytest.raises(
+        DataError, match="6 images at one and the same position, and none besides those on a grid of each 2"
+    ) as e:
+        sensor.plan(RecordedPoses(without=GridPoses(every=2)))
+    assert "mend the positions, which are in metres" in str(e.value)
+
+
+def test_a_grid_beyond_the_images_is_said_in_words(write_grid):
+    with pytest.raises(
+        DataError, match=r"3 × 2 grid at 0.5 m, and none on a grid of every row and column at a height of 9.0 m"
+    ):
+        Folder(str(write_grid(3, 2))).plan(GridPoses(height_m=9.0))
