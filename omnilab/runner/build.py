@@ -44,6 +44,9 @@ def build(config: DictConfig, registry: Registry) -> Run:
     except OmegaConfBaseException as error:
         raise ConfigError(sentence(error, registry)) from error
     assert isinstance(run, Run)
+    for name, kind in DICTS.items():
+        if not isinstance(getattr(run, name), dict):
+            raise ConfigError(f"{name} holds components by name; give each one, as in +{kind}@{name}.NAME=...")
     for name in DICTS:  # null leaves a member out, as it does a slot
         setattr(run, name, {key: member for key, member in getattr(run, name).items() if member is not None})
     if run.distance is None and run.descriptor is not None and not isinstance(run.descriptor, dict):

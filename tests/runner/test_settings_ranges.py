@@ -166,6 +166,7 @@ SMALL = ["experiment=quickstart", f"sensor.world={WORLD}", "sensor.size=32", "se
     ("sensor.size=2147483648", "sensor.size=2147483648 is out of range"),
     ("study.query_count=2147483648", "give a whole number from 1 to 1000000"),
     ("study.step_m=0.00001", "give a larger step_m or a smaller extent_m"),
+    ("+sensor@sensors=mirror", "sensors holds components by name; give each one, as in +sensor@sensors.NAME=..."),
     ("seed=-1", "seed=-1 is out of range; give a whole number from 0 to 9223372036854775807"),
     ("cache_gb=nan", "cache_gb=nan is not a number; give a number above 0"),
     ("distance.angle_band=nan", "distance.angle_band=nan is not a number"),
