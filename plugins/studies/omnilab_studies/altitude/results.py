@@ -15,6 +15,7 @@ from omnilab_studies.common.tables import columns_of
 LEAST_M = 0.1  # rises whose sign counts
 ROUNDING_M = 1e-6
 FEWEST = 3  # points that a line is fitted to
+NO_SPREAD = "no height was estimated but 0"
 
 
 class AltitudeCase(NamedTuple):
@@ -164,7 +165,9 @@ class AltitudeResults:
             key = f"{row['altimeter']}_{{}}_{_key(row['level'])}_{_key(row['reference'])}"
             kinds = {"sign_rate": "1", "r2_median": "1", "rms_m": "m", "rms_near_m": "m", "bias_m": "m", "spread": "1"}
             rest += [
-                Metric(key.format(kind), row[kind], unit) for kind, unit in kinds.items() if np.isfinite(row[kind])
+                Metric(key.format(kind), row[kind], unit, note=NO_SPREAD)
+                for kind, unit in kinds.items()
+                if np.isfinite(row[kind]) or kind == "spread"
             ]
             if np.isfinite(row["slope_mean"]):
                 rest.append(Metric(key.format("slope"), row["slope_mean"], f"{row['unit']}/m"))
