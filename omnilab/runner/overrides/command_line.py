@@ -136,6 +136,9 @@ def _readable(word: str, multirun: bool, registry: Registry) -> str:
         raise ConfigError(f"{word} names nothing; what is chosen there is left out by ~{key.lstrip('+')}")
     if kind in KINDS and parsed is not None and isinstance(parsed.value(), (int, float, dict)):
         raise ConfigError(f"{word} is no name; give {key}={'|'.join(registry.names(kind))}")
+    values = parsed.value() if kind in KINDS and parsed is not None else None
+    if isinstance(values, list) and not all(_read(name) for name in values):
+        raise ConfigError(f"{word} is no list of names; give {key}=[NAME,NAME] of {', '.join(registry.names(kind))}")
     if parsed is not None and _is_empty_range(parsed):
         raise ConfigError(f"{word} is a sweep over nothing; give a range whose end lies beyond its start")
     if parsed is not None:
