@@ -155,9 +155,12 @@ def pinned(threads: int) -> Iterator[None]:
 
 @contextmanager
 def _signals(recorder: Recorder) -> Iterator[None]:
-    """Ctrl-C and SIGTERM end the run between two records, never within one."""
+    """Ctrl-C, SIGTERM and a terminal that goes away (SIGHUP) end the run between two records, never within one."""
+    heard = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup: go on without the terminal
+        heard.append(signal.SIGHUP)
     try:
-        before = {number: signal.signal(number, recorder.interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
+        before = {number: signal.signal(number, recorder.interrupt) for number in heard}
     except ValueError:  # not in the main thread: whoever runs us there has signals in hand
         yield
         return
