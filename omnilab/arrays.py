@@ -52,7 +52,7 @@ def read_npz(path: Path, wanted: Collection[str] | None = None) -> dict[str, Arr
                 names = members if wanted is None else [name for name in wanted if name in members]
                 return {name: _member(archive, members[name], name, size) for name in names}
         except (zipfile.BadZipFile, EOFError, NotImplementedError, RuntimeError, zlib.error, OSError) as error:
-            raise ValueError("it is damaged, or no archive of arrays") from error
+            raise ValueError("it is no whole archive of arrays") from error
 
 
 def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo, name: str, size: int) -> Array:

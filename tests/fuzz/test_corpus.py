@@ -55,9 +55,9 @@ def compressed(data: bytes) -> bytes:
 
 
 FOUND: list[tuple[str, Change, str]] = [
-    ("basis_npz", flip(0), "it is damaged, or no archive of arrays"),
-    ("basis_npz", cut(900), "it is damaged, or no archive of arrays"),
-    ("basis_npz", flip(200), "it is damaged, or no archive of arrays"),
+    ("basis_npz", flip(0), "it is no whole archive of arrays"),
+    ("basis_npz", cut(900), "it is no whole archive of arrays"),
+    ("basis_npz", flip(200), "it is no whole archive of arrays"),
     ("basis_npz", compressed, "is compressed, or larger than the file"),
     ("basis_npz", member("singular", np.full(3, np.nan)), "holds NaN, infinity or other types"),
     ("basis_npz", member("vectors", np.array([["a"]])), "holds arrays that do not fit together"),

@@ -215,7 +215,7 @@ def test_bad_images_are_skipped_and_counted(omnilab_here, recording, tmp_path):
         ("06.png,0.5,", "06.png,east,", ["line 8", "x_m='east'", "finite number"]),
         ("06.png,0.5,", "06.png,", ["line 8", "3 values for 4 columns"]),
         ("06.png,", "05.png,", ["line 8", "names 05.png again", "line 7"]),
-        ("x_m,y_m", "x,y_m", ["no column x_m"]),
+        ("x_m,y_m", "x,y_m", ["has a column 'x'", "write x_m (in metres)"]),
     ],
 )
 def test_positions_that_do_not_match(refused, recording, old, new, told):

@@ -82,7 +82,7 @@ def test_a_failing_job_does_not_stop_the_others(omnilab_here, tmp_path):
     (folder,) = (tmp_path / "logs" / "quickstart").iterdir()
     jobs = [load_run(folder / job) for job in "0123"]
     assert [job.state for job in jobs] == ["failed", "failed", "failed", "done"]
-    assert "study.step_m=-1.0 makes no grid" in jobs[0].status["error"]
+    assert "study.step_m=-1 is out of range" in jobs[0].status["error"]
     assert "height 9 m" in jobs[2].status["error"]
     assert "height 9 m" in (jobs[2].folder / "run.log").read_text()
     assert not jobs[2].metrics

@@ -72,7 +72,7 @@ def _derived(cls: type[Any], kind: str, title: str) -> type[Any]:
         "__reduce__": lambda own: (guard, (_plain(own, cls), kind, title)),
     }
     boundary = _Boundary(kind, title)
-    for name, check in CHECKS[kind].items():
+    for name, check in CHECKS.get(kind, {}).items():
         if hasattr(cls, name):
             make = boundary.frames if name == "frames" else boundary.method
             members[name] = make(getattr(cls, name), name, check)

@@ -45,9 +45,9 @@ class Recorded:
     translation_noise: float = setting(
         0.05, at_least=0, at_most=1000
     )  # standard deviation of x and of y, as a share of the step
-    still_noise_m: float = setting(0.001, at_least=1e-6, at_most=1e6)  # and at least, of a step of no length
+    still_noise_m: float = setting(0.001, at_least=1e-12, at_most=1e6)  # and at least, of a step of no length
     heading_noise_deg: float = setting(
-        0.5, at_least=1e-6, at_most=1e6
+        0.5, at_least=1e-12, at_most=1e6
     )  # standard deviation of the heading, however little the camera turns
     turn_noise: float = setting(0.02, at_least=0, at_most=1000)  # and besides, as a share of the turn
 

@@ -44,7 +44,7 @@ class Recording:
             wanted = "on a given path" if isinstance(layout, PathPoses | NamedPath) else "at random poses"
             raise DataError(f"{self}, and none {wanted}; {self._remedy}")
         if not taken.any():
-            raise DataError(f"{self}, and none {_said(layout)}; {self._remedy}")
+            raise DataError(f"{self}, and none {_in_words(layout)}; {self._remedy}")
         return np.flatnonzero(taken)
 
     def stamps_ns(self, names: Iterable[str]) -> Ints:
@@ -90,11 +90,11 @@ class Recording:
         return f"the folder {self.folder} holds {len(self.images)} images {where}"
 
 
-def _said(layout: GridPoses | RecordedPoses) -> str:
+def _in_words(layout: GridPoses | RecordedPoses) -> str:
     """Which images a layout takes, for a sentence on there being none."""
     if isinstance(layout, RecordedPoses):
         assert layout.without is not None
-        return f"besides those {_said(layout.without)}"
+        return f"besides those {_in_words(layout.without)}"
     count = "every row and column" if layout.every in (None, 1) else f"each {layout.every} rows and columns"
     lines = count if layout.step_m is None else f"{layout.step_m} m"
     area = "" if layout.extent_m is None else f" within {layout.extent_m[0]} x {layout.extent_m[1]} m"

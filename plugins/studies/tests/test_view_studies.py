@@ -200,7 +200,7 @@ def test_shipped_scenarios_are_sound_and_no_wall_is_on_the_path():
         ("turn_deg: 2", "turn_deg: many", "odometry.turn_deg"),
         ("[8, 0], [8, 6], ", "", "corners"),
         ("path_m: [", "path_m: ]", "no YAML"),
-        ("path_m: [", "step_m: &a 1\npath_m: [*a, ", r"line 2: '\*a' is an alias; write the value out"),
+        ("path_m: [", "step_m: &a 1\npath_m: [*a, ", r"line 3: '\*a' is an alias; write the value out"),
         ("walls_m: [[4, -1, 4, 7]]", "walls_m: !!python/object/apply:os.getcwd []", "no YAML"),
     ],
 )

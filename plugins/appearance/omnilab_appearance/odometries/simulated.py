@@ -23,8 +23,8 @@ class Simulated:
     translation_noise: float = setting(
         0.05, at_least=0, at_most=1000
     )  # standard deviation of x and of y, as a share of the step
-    still_noise_m: float = setting(0.001, at_least=1e-6, at_most=1e6)  # and at least, of a step of no length
-    heading_noise_deg: float = setting(0.5, at_least=1e-6, at_most=1e6)  # standard deviation of the heading, at least
+    still_noise_m: float = setting(0.001, at_least=1e-12, at_most=1e6)  # and at least, of a step of no length
+    heading_noise_deg: float = setting(0.5, at_least=1e-12, at_most=1e6)  # standard deviation of the heading, at least
     turn_noise: float = setting(0.02, at_least=0, at_most=1000)  # and as a share of the rotation
     scale: float = setting(1.0, at_least=1e-6, at_most=1e6)  # what all lengths are multiplied by
 
