@@ -240,11 +240,13 @@ def repeat(argv: list[str]) -> int:
     execute(run, folder, registry, first.manifest["overrides"], name)
     show_run(folder)
     second = load_run(folder).metrics
-    different = [n for n in first.metrics | second if repr(first.metrics.get(n)) != repr(second.get(n))]
+    different = [name for name in first.metrics if repr(first.metrics[name]) != repr(second.get(name))]
     if different:
         print_error(f"the metrics differ from {short(first.folder)}: {', '.join(different)}")
         return 1
-    print_error(f"the metrics are the same as in {short(first.folder)}, bit for bit")
+    new = [name for name in second if name not in first.metrics]  # of a study that has grown since
+    more = f"; {', '.join(new)} were not measured then" if new else ""
+    print_error(f"the metrics are the same as in {short(first.folder)}, bit for bit{more}")
     return 0
 
 

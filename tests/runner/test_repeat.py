@@ -97,6 +97,14 @@ def test_repeat_gives_the_same_bytes_and_says_so(alone, here, omnilab_here, monk
     assert bytes_of(again) == bytes_of(alone)
     assert (again / "config.yaml").read_bytes() == (alone / "config.yaml").read_bytes()
 
+    lines = (again / "metrics.csv").read_text().splitlines()
+    (again / "metrics.csv").write_text(
+        "\n".join([*lines[:-1], ""])
+    )  # as a version wrote it that did not measure the last
+    result = omnilab_here("repeat", str(again))
+    assert result.rc == 0
+    assert f"bit for bit; {lines[-1].partition(',')[0]} were not measured then" in result.stderr
+
 
 def test_repeat_names_the_metrics_that_differ(jobs, here, omnilab_here, monkeypatch):
     """The least step that a float can make is seen."""

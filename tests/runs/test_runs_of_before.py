@@ -27,6 +27,15 @@ NAMES = sorted(path.parent.name for path in BEFORE.glob("*/status.json"))
 QUICK = ("map_pca", "render", "views")  # repeated whenever the tests are run
 SMALL = ("sensor.world=box_world.yaml", "sensor.size=64", "sensor.samples=1", "study.query_count=6", "study.show=1")
 NO_LOGS = ("~sink@sinks.rerun", "~sink@sinks.mcap", "cache=off")
+NAN = float("nan")
+WRONG_BEFORE = {  # what degenerate data had won: SURF finds nothing in pictures of 64 pixels, in none of these runs
+    "altitude": {f"surf_spread_{case}_0.6_m": NAN for case in ("clear", "uniform_noise_0.2", "occlusion_0.1")},
+    "grid_disturbed": {
+        **{f"heading_error_{which}": NAN for which in ("median", "mean", "p95")},
+        "within_step_rate": 0.0,
+        "average_precision": 0.0,
+    },
+}
 LAST_BITS = 1e-6  # relative: another processor sums in another order
 
 
@@ -115,8 +124,9 @@ def test_a_run_is_repeated(name, here, omnilab_here):
     assert [name for name in second.metrics if name in first.metrics] == list(first.metrics)  # and some that are new
     assert {name: second.units[name] for name in first.units} == first.units
     common = {name: second.metrics[name] for name in first.metrics}
-    assert common == pytest.approx(first.metrics, rel=LAST_BITS, nan_ok=True)
-    assert (done.rc == 0) == (repr(second.metrics) == repr(first.metrics))
+    expected = first.metrics | WRONG_BEFORE.get(name, {})
+    assert common == pytest.approx(expected, rel=LAST_BITS, nan_ok=True)
+    assert (done.rc == 0) == (repr(common) == repr(first.metrics))
     assert (here / "logs/latest/config.yaml").is_file()
 
 
