@@ -149,6 +149,7 @@ def test_options_may_stand_anywhere_and_have_short_names(registry):
 ODD = "run=3 é 日本 (copy) [x] ${y}"
 
 
+@pytest.mark.slow
 def test_a_run_in_a_folder_of_an_odd_name_can_be_repeated(omnilab_here, tmp_path, monkeypatch):
     """Its name is in the working folder, in the settings, and in the folder of runs."""
     world = tmp_path / ODD / ODD / "world=1.yaml"

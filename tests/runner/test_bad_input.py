@@ -293,6 +293,7 @@ def test_a_job_that_was_never_built_cannot_be_repeated(omnilab_here, refused, tm
     assert "study.step_m=-1 is out of range" in sentence
 
 
+@pytest.mark.slow
 def test_a_run_without_a_recording_cannot_be_viewed(omnilab_here, refused):
     assert omnilab_here(*SMALL, "~sink@sinks.rerun").rc == 0
     sentence = refused("view", "logs/latest")

@@ -216,6 +216,7 @@ def register_localizers(register):
 """
 
 
+@pytest.mark.slow
 def test_a_component_of_today_is_not_hidden_by_an_old_name(
     omnilab_here: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

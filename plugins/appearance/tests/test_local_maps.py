@@ -82,6 +82,7 @@ def test_four_points_all_alike_settle_in_a_square(maker):
     assert np.isclose(made.stress[0], least, rtol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("maker", MAKERS[:4], ids=NAMES[:4])
 def test_the_order_of_the_images_does_not_matter(maker):
     points = np.random.default_rng(6).uniform(-1, 1, (5, 8, 2))

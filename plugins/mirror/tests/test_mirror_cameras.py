@@ -170,6 +170,7 @@ around = st.one_of(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(camera=around, seed=st.integers(0, 10**6), count=st.integers(1, 50))
 def test_rays_around_a_viewpoint_hit_what_brute_force_hits(camera, seed, count):
@@ -202,6 +203,7 @@ def test_a_face_in_whose_plane_the_viewpoint_lies_is_seen_by_rays_around_it():
     assert image[250, : round(near[0]) - 2].max() == 0
 
 
+@pytest.mark.slow
 def test_a_ball_sees_corners_where_its_model_says():
     dots = np.array([[0.4, 0.1, 0.8], [-0.3, 0.4, 1.05], [0.1, -0.25, 0.9]])  # so near that the rays' starts matter
     side = 0.02
@@ -360,6 +362,7 @@ def test_turning_a_camera_without_a_viewpoint_turns_its_image(name):
     assert difference[inside & smooth].mean() <= 0.5
 
 
+@pytest.mark.slow
 def test_the_rays_of_a_tiny_ball_might_as_well_start_in_one_point():
     rng = np.random.default_rng(5)
     faces = [Quad(rng.normal(size=3) * 3, *(rng.normal(size=(2, 3)) * 1.5), painted([60 + 9 * i] * 3))

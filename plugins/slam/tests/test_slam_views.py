@@ -138,6 +138,7 @@ def test_ekf_with_views_from_before_is_that_of_the_equations():
     assert np.allclose(found.view_covariances()[1], naive.P[6:9, 6:9], atol=1e-8)
 
 
+@pytest.mark.slow
 @FILTERS
 def test_views_from_before_keep_a_robot_where_it_is_and_become_surer(view_filter):
     """Its start is off by a metre, and it takes no views itself: errors are as the covariances say."""

@@ -146,6 +146,7 @@ def test_cameras_are_rotated_and_rotations_scored():
     assert np.ptp(heading_of(tower.asked[-1].T_world_camera)) == 0
 
 
+@pytest.mark.slow
 def test_the_first_column_is_shown_as_it_rises():
     log = Log()
     run(Altitude(position_count=2), parts_of(), log)
