@@ -50,8 +50,8 @@ class GtsamBatch:
                 values, iterations, warnings = solved.values, iterations + solved.iterations, warnings + solved.warnings
             return refined(graph, start, solved._replace(iterations=iterations, warnings=warnings), weigh)
 
-        def cost(found: Optimized) -> float:
-            return float(costs(self.kernel, self.kernel_width, loops, edge_chi2(graph, found.poses)).sum())
+        def cost(poses: Floats) -> float:
+            return float(costs(self.kernel, self.kernel_width, loops, edge_chi2(graph, poses)).sum())
 
         found = from_start(graph, self.start, optimize, cost)
         found = with_trust(found, loops, why(self.kernel))

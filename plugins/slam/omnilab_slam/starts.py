@@ -31,11 +31,17 @@ class Start(Enum):
 
 
 def from_start(
-    graph: PoseGraph, start: Start, optimize: Callable[[Floats], Optimized], cost: Callable[[Optimized], float]
+    graph: PoseGraph,
+    start: Start,
+    optimize: Callable[[Floats], Optimized],
+    cost: Callable[[Floats], float],
+    far: float = np.inf,
 ) -> Optimized:
     """The optimum from a start, or from the best of several: the one with the lowest cost.
 
-    `optimize` takes the poses (N, k) to start from; chi2_before is that of the start, of several that of the given one.
+    `optimize` takes the poses (N, k) to start from, `cost` tells what is minimised at poses (N, k). chi2_before is that of
+    the start, of several that of the given one. A chordal start of more than `far` times the cost that the given one led
+    to is not followed.
     """
     if start is not Start.best:
         poses = initial_poses(graph, start)
@@ -51,9 +57,11 @@ def from_start(
         return given
     if not np.isfinite(other).all() or not np.isfinite(chi2(graph, other)):
         return given
+    reached = cost(given.poses)
+    if cost(other) > far * max(reached, len(graph.edges)):  # chi2 of noise alone is about one for each edge
+        return given
     found = optimize(other)
-    costs = {Start.given.value: cost(given), Start.chordal.value: cost(found)}
-    return _better(given, found, costs)
+    return _better(given, found, {Start.given.value: reached, Start.chordal.value: cost(found.poses)})
 
 
 def _better(given: Optimized, found: Optimized, costs: dict[str, float]) -> Optimized:
