@@ -70,7 +70,7 @@ def test_what_is_left_behind(run):
         (["+study.conditions.dim={lamp: 2}"], "changes 'lamp', which is no setting of the sensor"),
         (["+study.conditions.dim={variant: nobody}"], "nobody"),
         (["study.queries=path"], "is not possible here; give random or recorded"),
-        (["study.query_count=0"], "asks nothing"),
+        (["study.query_count=0"], "study.query_count=0 is out of range"),
     ],
 )
 def test_settings_that_make_no_queries(omnilab_here, arguments, told):

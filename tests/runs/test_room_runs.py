@@ -95,7 +95,7 @@ def test_with_queries_of_another_folder(omnilab_in, here, recorded):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["study.every=0"], "takes no rows"),
+        (["study.every=0"], "study.every=0 is out of range"),
         (["study.every=null", "+study.tests.path=x"], "a virtual room takes no tests"),
         (["study.every=1"], "leaves no queries"),
         (["+study.tests.folder=x"], "changes 'folder', which is no setting of the sensor"),

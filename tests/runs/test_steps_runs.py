@@ -66,7 +66,11 @@ def test_figures_and_times(run):
 
 @pytest.mark.parametrize(
     ("setting", "told"),
-    [("steps_m=[]", "makes no map"), ("steps_m=[-1]", "makes no grid"), ("heading_steps=0", "give 1 or more")],
+    [
+        ("steps_m=[]", "study.steps_m=[] holds 0 numbers; give 1 or more"),
+        ("steps_m=[-1]", "study.steps_m=[-1.0] holds -1, which is out of range"),
+        ("heading_steps=0", "study.heading_steps=0 is out of range"),
+    ],
 )
 def test_settings_that_make_no_study(omnilab_here, setting, told):
     result = omnilab_here(*SMALL, f"study.{setting}")
