@@ -1,6 +1,7 @@
 """Files of a data set: what a killed process or a second one leaves stops nobody, and what is not ours is refused."""
 
 import contextlib
+import os
 import threading
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -55,6 +56,20 @@ def test_a_folder_with_files_of_somebody_else_is_refused(tmp_path, name):
     with pytest.raises(DataError, match="neither empty nor a data set; give a new folder"):
         DataSet(tmp_path).open(CONTENTS)
     assert (tmp_path / name).read_text() == "mine"
+
+
+def test_what_a_killed_process_left_of_a_frame_goes_and_nothing_else(tmp_path):
+    DataSet(tmp_path).open(CONTENTS)
+    names = {
+        "000003.png.999999999-0123abcd.part": False,  # no process has this number
+        f"000003.png.{os.getpid()}-0123abcd.part": True,  # whose writer lives
+        "mine.part": True,
+        "000003.png.part": True,
+    }
+    for name in names:
+        (tmp_path / "images" / name).write_bytes(b"half")
+    DataSet(tmp_path).open(CONTENTS)
+    assert {name: (tmp_path / "images" / name).exists() for name in names} == names
 
 
 def test_two_that_write_the_same_files_do_not_meet(tmp_path):

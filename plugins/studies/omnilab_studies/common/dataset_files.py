@@ -7,6 +7,7 @@ import hashlib
 import io
 import json
 import os
+import re
 import secrets
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, asdict, dataclass, fields
@@ -24,6 +25,9 @@ from omnilab.trajectory.columns import MATRIX, POSITION
 from omnilab.trajectory.files import tum_text
 
 ABOUT = "dataset.json"
+PART_NAME = re.compile(  # of an unfinished file, with its writer
+    r"(?:\d{6,}\.(?:png|npy)|dataset\.json|positions\.csv|poses\.tum)\.(\d{1,9})-[0-9a-f]{8}\.part"
+)
 LARGEST_FILE = 64 * 2**20  # bytes, of dataset.json
 
 
@@ -65,6 +69,7 @@ class DataSet:
             raise self._not_written(error) from error
         if begun:
             self._check_same(contents, defaults or {})
+            self._remove_parts()
         else:  # before anything else: whatever is in the folder is then known to be of this data set
             self._write_about({**contents, "complete": False})
         try:
@@ -149,23 +154,46 @@ class DataSet:
         self._write(self.folder / ABOUT, (json.dumps(about, indent=1, default=str) + "\n").encode())
 
     def _write(self, file: Path, data: bytes) -> None:
-        part = file.with_name(
-            f"{file.name}.{os.getpid()}-{secrets.token_hex(4)}.part"
-        )  # another process may write it too
         try:
             try:
-                part.write_bytes(data)
-                part.replace(file)
-            finally:
-                part.unlink(missing_ok=True)
+                self._write_whole(file, data)
+            except FileNotFoundError:  # another process, which cannot see this one, took the part for a dead one's
+                self._write_whole(file, data)
         except OSError as error:
             raise self._not_written(error) from error
+
+    def _write_whole(self, file: Path, data: bytes) -> None:
+        """Write under a name of this process's own, for another may write the file too, then give the file its name."""
+        part = file.with_name(f"{file.name}.{os.getpid()}-{secrets.token_hex(4)}.part")
+        try:
+            part.write_bytes(data)
+            part.replace(file)
+        finally:
+            part.unlink(missing_ok=True)
+
+    def _remove_parts(self) -> None:
+        """Remove what processes left that were killed while they wrote."""
+        for part in [*self.folder.glob("*.part"), *self.folder.glob("*/*.part")]:
+            writer = PART_NAME.fullmatch(part.name)
+            if writer and part.is_file() and not is_process(int(writer[1])):
+                part.unlink(missing_ok=True)
 
     def _not_written(self, error: OSError) -> DataError:
         return DataError(
             f"{self.setting}={self.folder} cannot be written ({os.strerror(error.errno or 0)}); give another folder,"
             " or make room"
         )
+
+
+def is_process(pid: int) -> bool:
+    """Whether there is a process of this number here."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        return True
+    return True
 
 
 def _is_left_over(path: Path) -> bool:
