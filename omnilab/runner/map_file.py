@@ -18,6 +18,7 @@ import numpy as np
 
 from omnilab.api import Array, Places, Provenance, Signatures
 from omnilab.arrays import read_npz
+from omnilab.atomic_files import write_whole
 from omnilab.errors import DataError
 
 FILE = "map.npz"
@@ -37,13 +38,7 @@ def save_map(path: Path, places: Places, about: Mapping[str, Any]) -> None:
     if places.T_world_camera is not None:
         arrays["T_world_camera"] = places.T_world_camera
     arrays |= {STATE + name: np.asarray(value) for name, value in places.descriptor_state.items()}
-    part = path.with_name(path.name + ".part")
-    try:
-        with part.open("wb") as file:
-            np.savez(file, allow_pickle=False, **arrays)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    write_whole(path, lambda out: np.savez(out, allow_pickle=False, **arrays))
 
 
 def map_file(path: Path) -> Path:

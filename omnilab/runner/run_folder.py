@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from omnilab.api import Metric, Report
+from omnilab.atomic_files import is_process
 from omnilab.errors import DataError, visible
 
 METRICS = ["metric", "value", "unit", "low", "high", "note"]  # the columns of metrics.csv
@@ -250,15 +251,7 @@ class LoadedRun:
     @property
     def alive(self) -> bool:
         """Whether the run's process is still there."""
-        if (pid := self.status["pid"]) <= 0:  # to os.kill, a group of processes
-            return False
-        try:
-            os.kill(pid, 0)
-        except (ProcessLookupError, OverflowError):
-            return False
-        except PermissionError:  # someone else's process
-            return True
-        return True
+        return is_process(self.status["pid"])
 
     @property
     def state(self) -> str:

@@ -5,23 +5,23 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-import secrets
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from omnilab.api import Array, Bytes, Signatures
 from omnilab.arrays import read_npz
+from omnilab.atomic_files import PART, write_whole
 
 KEY_BYTES = 16  # of an image's digest
 ABOUT = "about.txt"  # names the descriptor; its digest is the name of the folder
 LONGEST_ABOUT = 2**20  # bytes
-OWN_NAME = re.compile(r"[0-9a-f]{32}\.npz|([0-9a-f]{32}|about)\.\d+-[0-9a-f]{8}\.part")
+OWN_NAME = re.compile(r"[0-9a-f]{32}\.npz|([0-9a-f]{32}(\.npz)?|about(\.txt)?)" + PART)
 DAMAGED = (ValueError, MemoryError)
 Arrays = dict[str, Array]
 
@@ -112,25 +112,13 @@ class SignatureStore:
         """Write one batch; how many bytes it takes. OSError if the disk does not take it."""
         self.folder.mkdir(parents=True, exist_ok=True)
         if not is_own_folder(self.folder):  # new, or its writer was killed
-            self._write(self.folder / ABOUT, lambda out: out.write(self._about.encode()))
+            write_whole(self.folder / ABOUT, lambda out: out.write(self._about.encode()))
         joined = b"".join(keys)
         file = self.folder / f"{hashlib.sha256(joined).hexdigest()[:32]}.npz"
         arrays: dict[str, Any] = {"keys": np.frombuffer(joined, np.uint8).reshape(-1, KEY_BYTES), "place": made.place}
         arrays |= {} if made.heading is None else {"heading": made.heading}
-        size = self._write(file, lambda out: np.savez(out, **arrays))
+        size = write_whole(file, lambda out: np.savez(out, **arrays))
         self._take_up(file, keys)
-        return size
-
-    def _write(self, file: Path, write: Callable[[BinaryIO], object]) -> int:
-        """Write a file under another name, then give it its own; its size in bytes."""
-        part = self.folder / f"{file.stem}.{os.getpid()}-{secrets.token_hex(4)}.part"
-        try:
-            with part.open("wb") as out:
-                write(out)
-            size = part.stat().st_size
-            part.replace(file)
-        finally:
-            part.unlink(missing_ok=True)
         return size
 
     def _refresh(self) -> None:

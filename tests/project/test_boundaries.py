@@ -23,6 +23,7 @@ PACKAGES = {"omnilab": ROOT / "omnilab"} | {f"omnilab_{p.name}": p / f"omnilab_{
 MAY_IMPORT = {
     "errors": set[str](),
     "file_kinds": set[str](),
+    "atomic_files": set[str](),
     "renamed": set[str](),
     "api": {"errors", "renamed"},
     "arrays": {"api"},
@@ -34,7 +35,7 @@ MAY_IMPORT = {
     "cameras": {"api", "errors", "file_kinds", "geometry"},
     "image": {"api", "errors", "cameras"},
     "": {"api", "hooks", "renamed"},
-    "runner": {"", "api", "arrays", "renamed", "errors", "geometry", "hooks", "image", "metrics"},
+    "runner": {"", "api", "arrays", "atomic_files", "renamed", "errors", "geometry", "hooks", "image", "metrics"},
     "testing": {"", "api", "renamed", "cameras", "errors", "geometry", "image", "posegraph", "runner"},
     "__main__": {"runner"},
 }

@@ -8,7 +8,6 @@ import io
 import json
 import os
 import re
-import secrets
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, asdict, dataclass, fields
 from importlib.metadata import version
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from omnilab.api import Bytes, Camera, Floats, Ints, Parts, Plan
+from omnilab.atomic_files import PART, is_process, write_whole
 from omnilab.cameras import ImageCircle, RayCamera, save_camera
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of
@@ -26,7 +26,7 @@ from omnilab.trajectory.files import tum_text
 
 ABOUT = "dataset.json"
 PART_NAME = re.compile(  # of an unfinished file, with its writer
-    r"(?:\d{6,}\.(?:png|npy)|dataset\.json|positions\.csv|poses\.tum)\.(\d{1,9})-[0-9a-f]{8}\.part"
+    r"(?:\d{6,}\.(?:png|npy)|dataset\.json|positions\.csv|poses\.tum)" + PART
 )
 LARGEST_FILE = 64 * 2**20  # bytes, of dataset.json
 
@@ -156,26 +156,17 @@ class DataSet:
     def _write(self, file: Path, data: bytes) -> None:
         try:
             try:
-                self._write_whole(file, data)
+                write_whole(file, lambda out: out.write(data))
             except FileNotFoundError:  # another process, which cannot see this one, took the part for a dead one's
-                self._write_whole(file, data)
+                write_whole(file, lambda out: out.write(data))
         except OSError as error:
             raise self._not_written(error) from error
-
-    def _write_whole(self, file: Path, data: bytes) -> None:
-        """Write under a name of this process's own, for another may write the file too, then give the file its name."""
-        part = file.with_name(f"{file.name}.{os.getpid()}-{secrets.token_hex(4)}.part")
-        try:
-            part.write_bytes(data)
-            part.replace(file)
-        finally:
-            part.unlink(missing_ok=True)
 
     def _remove_parts(self) -> None:
         """Remove what processes left that were killed while they wrote."""
         for part in [*self.folder.glob("*.part"), *self.folder.glob("*/*.part")]:
             writer = PART_NAME.fullmatch(part.name)
-            if writer and part.is_file() and not is_process(int(writer[1])):
+            if writer and part.is_file() and not is_process(int(writer["pid"])):
                 part.unlink(missing_ok=True)
 
     def _not_written(self, error: OSError) -> DataError:
@@ -183,17 +174,6 @@ class DataSet:
             f"{self.setting}={self.folder} cannot be written ({os.strerror(error.errno or 0)}); give another folder,"
             " or make room"
         )
-
-
-def is_process(pid: int) -> bool:
-    """Whether there is a process of this number here."""
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except (PermissionError, OverflowError):
-        return True
-    return True
 
 
 def _is_left_over(path: Path) -> bool:

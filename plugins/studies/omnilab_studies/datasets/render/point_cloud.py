@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from omnilab.api import Bytes, Floats, Ints
 from omnilab.arrays import read_npy
+from omnilab.atomic_files import write_whole
 from omnilab.cameras import RayCamera
 from omnilab.errors import DataError
 from omnilab.image import point_cloud
@@ -37,9 +38,7 @@ def write_ply(file: Path, points: npt.NDArray[np.void]) -> None:
     properties = [f"property float {axis}" for axis in "xyz"]
     properties += [f"property uchar {name}" for name in ("red", "green", "blue")]
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}", *properties, "end_header", ""]
-    part = file.with_name(f"{file.name}.part")
-    part.write_bytes("\n".join(header).encode() + points.tobytes())
-    part.replace(file)
+    write_whole(file, lambda out: out.write("\n".join(header).encode() + points.tobytes()))
 
 
 def _points_of_frame(
