@@ -42,6 +42,7 @@ class ObjFile:
     line: list[Ints] = field(default_factory=list)  # of each face
     groups: dict[tuple[str | None, str | None], int] = field(default_factory=dict)  # (material, object)
     libraries: list[str] = field(default_factory=list)
+    triangles: int = 0  # that the faces make
 
 
 def read_obj(data: bytes, materials: MeshMaterials, limit: int) -> Iterator[Triangles]:
@@ -63,25 +64,52 @@ def _plain_text(data: bytes) -> bytes:
 
 
 def _lines_read(text: bytes, materials: MeshMaterials, limit: int) -> ObjFile:
-    obj, start, number = ObjFile(), 0, 0
-    current: tuple[str | None, str | None] = (None, None)
-    vertices = places = triangles = 0
+    reader = _Reader(materials)
+    for lines in _chunks(text):
+        _take(reader.obj, reader.sort(lines), materials, limit)
+    return reader.obj
+
+
+def _chunks(text: bytes) -> Iterator[list[bytes]]:
+    """The lines of the text, some megabytes at once, never parted between two that a backslash joins."""
+    start = 0
     while start < len(text):
         end = text.find(b"\n", start + CHUNK)
         while end > 0 and text[end - 1 : end] == b"\\":
             end = text.find(b"\n", end + 1)
-        lines = text[start : end if end >= 0 else len(text)].split(b"\n")
+        yield text[start : end if end >= 0 else len(text)].split(b"\n")
         start = end + 1 if end >= 0 else len(text)
-        v: list[bytes] = []
-        vt: list[bytes] = []
-        f: list[bytes] = []
-        v_line: list[int] = []
-        vt_line: list[int] = []
-        f_line: list[int] = []
-        f_group: list[int] = []
-        whole = b""
-        for line in lines:
-            number += 1
+
+
+@dataclass
+class _Chunk:
+    """What follows the words `v`, `vt` and `f` of some lines, their line numbers, and the group of each face."""
+
+    v: list[bytes] = field(default_factory=list)
+    vt: list[bytes] = field(default_factory=list)
+    f: list[bytes] = field(default_factory=list)
+    v_line: list[int] = field(default_factory=list)
+    vt_line: list[int] = field(default_factory=list)
+    f_line: list[int] = field(default_factory=list)
+    f_group: list[int] = field(default_factory=list)
+
+
+@dataclass
+class _Reader:
+    """Sorts lines by their words, and remembers what earlier ones said."""
+
+    materials: MeshMaterials
+    obj: ObjFile = field(default_factory=ObjFile)
+    current: tuple[str | None, str | None] = (None, None)  # material and object of the faces to come
+    number: int = 0  # of the last line
+    vertices: int = 0  # of the chunks before
+    places: int = 0
+
+    def sort(self, lines: list[bytes]) -> _Chunk:
+        """The lines of a chunk by their words; what is not read is counted."""
+        chunk, whole = _Chunk(), b""
+        v, vt, f = chunk.v, chunk.vt, chunk.f
+        for number, line in enumerate(lines, self.number + 1):
             if line.endswith(b"\\"):
                 whole += line[:-1] + b" "
                 continue
@@ -89,42 +117,52 @@ def _lines_read(text: bytes, materials: MeshMaterials, limit: int) -> ObjFile:
             whole = b""
             if word == b"v":
                 v.append(rest)
-                v_line.append(number)
+                chunk.v_line.append(number)
             elif word in {b"f", b"fo"}:
                 if b"-" in rest:
-                    rest = _counted_from_1(rest, vertices + len(v), places + len(vt))
+                    rest = _counted_from_1(rest, self.vertices + len(v), self.places + len(vt))
                 f.append(rest)
-                f_line.append(number)
-                f_group.append(obj.groups.setdefault(current, len(obj.groups)))
+                chunk.f_line.append(number)
+                chunk.f_group.append(self.obj.groups.setdefault(self.current, len(self.obj.groups)))
             elif word == b"vt":
                 vt.append(rest)
-                vt_line.append(number)
-            elif word == b"usemtl":
-                current = text_of(rest.strip()), current[1]
-            elif word == b"o":
-                current = current[0], text_of(rest.strip())
-            elif word == b"mtllib":
-                obj.libraries.append(text_of(rest.strip()))
-            elif word in NOT_READ:
-                materials.notes[NOT_READ[word]] += 1
-            elif word not in SILENT and not word.startswith(b"#"):
-                materials.notes["lines of unknown kinds were left out"] += 1
-        if v:
-            obj.vertices.append(_numbers(v, v_line, 3, materials))
-        if vt:
-            obj.places.append(_numbers(vt, vt_line, 2, materials))
-        if f:
-            vertex, place, counts = _faces(f, f_line, materials)
-            triangles += int(np.maximum(counts - 2, 0).sum())
-            if triangles > limit:
-                raise DataError(f"{materials.file} has {triangles} triangles, {limit} may be read; decimate the mesh")
-            obj.vertex.append(vertex)
-            obj.place.append(place)
-            obj.counts.append(counts)
-            obj.group.append(np.array(f_group, np.int32))
-            obj.line.append(np.array(f_line, np.int32))
-        vertices, places = vertices + len(v), places + len(vt)
-    return obj
+                chunk.vt_line.append(number)
+            else:
+                self._state(word, rest)
+        self.number += len(lines)
+        self.vertices, self.places = self.vertices + len(v), self.places + len(vt)
+        return chunk
+
+    def _state(self, word: bytes, rest: bytes) -> None:
+        """A line that is about those to come, or that is not read."""
+        if word == b"usemtl":
+            self.current = text_of(rest.strip()), self.current[1]
+        elif word == b"o":
+            self.current = self.current[0], text_of(rest.strip())
+        elif word == b"mtllib":
+            self.obj.libraries.append(text_of(rest.strip()))
+        elif word in NOT_READ:
+            self.materials.notes[NOT_READ[word]] += 1
+        elif word not in SILENT and not word.startswith(b"#"):
+            self.materials.notes["lines of unknown kinds were left out"] += 1
+
+
+def _take(obj: ObjFile, chunk: _Chunk, materials: MeshMaterials, limit: int) -> None:
+    """Read the numbers of a chunk."""
+    if chunk.v:
+        obj.vertices.append(_numbers(chunk.v, chunk.v_line, 3, materials))
+    if chunk.vt:
+        obj.places.append(_numbers(chunk.vt, chunk.vt_line, 2, materials))
+    if chunk.f:
+        vertex, place, counts = _faces(chunk.f, chunk.f_line, materials)
+        obj.triangles += int(np.maximum(counts - 2, 0).sum())
+        if obj.triangles > limit:
+            raise DataError(f"{materials.file} has {obj.triangles} triangles, {limit} may be read; decimate the mesh")
+        obj.vertex.append(vertex)
+        obj.place.append(place)
+        obj.counts.append(counts)
+        obj.group.append(np.array(chunk.f_group, np.int32))
+        obj.line.append(np.array(chunk.f_line, np.int32))
 
 
 def _counted_from_1(corners: bytes, vertices: int, places: int) -> bytes:
