@@ -52,7 +52,7 @@ THIRD_PARTY = {  # which modules of omnilab may import what, beside numpy
     "cv2": {"image", "cameras.reproject"},
     "rich": {"runner.cli", "runner.console_sink", "runner.terminal"},
     "threadpoolctl": {"runner.execute"},
-    "yaml": {"runner.run_folder", "cameras.formats.safe_yaml"},
+    "yaml": {"runner.run_folder.reading", "cameras.formats.safe_yaml"},
 }  # fmt: skip
 LAZY = {"cv2", "rich", "threadpoolctl", "yaml"}  # within functions only: importing omnilab is free of work
 HEAVY = {"cv2", "gtsam", "matplotlib", "mcap", "numba", "rerun", "scipy", "skimage"}

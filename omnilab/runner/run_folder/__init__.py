@@ -1,0 +1,35 @@
+"""The run folder: what a run leaves behind, and reading it again."""
+
+from omnilab.runner.run_folder.latest import point_latest
+from omnilab.runner.run_folder.names import (
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    KILLED,
+    RUNNING,
+    UNREADABLE,
+    WARNINGS,
+    new_folder_name,
+)
+from omnilab.runner.run_folder.origin import origin
+from omnilab.runner.run_folder.reading import LoadedRun, find_runs, load_run
+from omnilab.runner.run_folder.summary import write_summary
+from omnilab.runner.run_folder.writing import RunFolder
+
+__all__ = [
+    "DONE",
+    "FAILED",
+    "INTERRUPTED",
+    "KILLED",
+    "RUNNING",
+    "UNREADABLE",
+    "WARNINGS",
+    "LoadedRun",
+    "RunFolder",
+    "find_runs",
+    "load_run",
+    "new_folder_name",
+    "origin",
+    "point_latest",
+    "write_summary",
+]

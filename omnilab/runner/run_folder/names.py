@@ -1,0 +1,17 @@
+"""What the files of a run folder, and the states of a run, are called."""
+
+from __future__ import annotations
+
+import secrets
+from datetime import datetime
+
+STATUS, MANIFEST, CONFIG = "status.json", "manifest.json", "config.yaml"
+METRICS = ["metric", "value", "unit", "low", "high", "note"]  # the columns of metrics.csv
+WARNINGS = "warnings.txt"
+RUNNING, DONE, FAILED, INTERRUPTED, KILLED = "running", "done", "failed", "interrupted", "killed"
+UNREADABLE = "unreadable"  # what a damaged run is listed as
+
+
+def new_folder_name() -> str:
+    """`<date>_<time>-<hex>`: the hex parts runs that start in the same second."""
+    return f"{datetime.now().astimezone():%Y-%m-%d_%H-%M-%S}-{secrets.token_hex(3)}"

@@ -1,0 +1,173 @@
+"""Reading run folders, which may be damaged, or a stranger's."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from omnilab.atomic_files import is_process
+from omnilab.errors import DataError
+from omnilab.runner.run_folder.names import CONFIG, KILLED, MANIFEST, RUNNING, STATUS
+
+
+@dataclass(frozen=True)
+class LoadedRun:
+    """A run folder, read."""
+
+    folder: Path
+
+    @cached_property
+    def status(self) -> dict[str, Any]:
+        return self._read(STATUS, json.loads, status=str, pid=int)
+
+    @cached_property
+    def manifest(self) -> dict[str, Any]:
+        content = self._read(MANIFEST, json.loads, experiment=str, overrides=list)
+        if not all(isinstance(override, str) for override in content["overrides"]):
+            raise self._unreadable(MANIFEST, "overrides should be a list of texts")
+        return content
+
+    @cached_property
+    def config(self) -> dict[str, Any]:
+        """The resolved configuration."""
+        return self._read(CONFIG, _yaml, study=dict)
+
+    @cached_property
+    def metrics(self) -> dict[str, float]:
+        """By name. Empty for a run that did not finish."""
+        return {row["metric"]: self._metric(row, "value") for row in self._metric_rows}
+
+    @cached_property
+    def intervals(self) -> dict[str, tuple[float, float]]:
+        """95 % confidence of the metrics for which it was estimated."""
+        rows = [row for row in self._metric_rows if row.get("low")]
+        return {row["metric"]: (self._metric(row, "low"), self._metric(row, "high")) for row in rows}
+
+    @cached_property
+    def notes(self) -> dict[str, str]:
+        """Why there is no value, of the metrics without one."""
+        return {row["metric"]: row["note"] for row in self._metric_rows if row.get("note")}
+
+    @cached_property
+    def units(self) -> dict[str, str]:
+        return {row["metric"]: row["unit"] for row in self._metric_rows}
+
+    @cached_property
+    def _metric_rows(self) -> list[dict[str, str]]:
+        rows = self.table("metrics")
+        if rows and not rows[0].keys() >= {"metric", "value", "unit"}:
+            raise self._unreadable("metrics.csv", "its columns should be metric, value, unit")
+        return rows
+
+    def _metric(self, row: Mapping[str, str], column: str) -> float:
+        if row.get(column) == "" and row.get("note"):
+            return math.nan
+        try:
+            return float(row[column])
+        except (KeyError, ValueError) as error:
+            raise self._unreadable("metrics.csv", f"{column} of {row['metric']} is no number") from error
+
+    def table(self, name: str) -> list[dict[str, str]]:
+        """The rows of one CSV file of the run; none if it was not written. DataError if it is damaged."""
+        path = self.folder / f"{name}.csv"
+        if not path.exists():
+            return []
+        header, *rows = self._parse(path.name, _csv_rows)
+        return [dict(zip(header, row, strict=True)) for row in rows]
+
+    @property
+    def alive(self) -> bool:
+        """Whether the run's process is still there."""
+        return is_process(self.status["pid"])
+
+    @property
+    def state(self) -> str:
+        """The status, where a run that says "running" but has no process was killed."""
+        status = str(self.status["status"])
+        return KILLED if status == RUNNING and not self.alive else status
+
+    def _read(self, name: str, parse: Callable[[str], Any], **types: type) -> dict[str, Any]:
+        """A file of the run that must be a mapping with these keys and types of content; DataError if it is not."""
+        content = self._parse(name, parse)
+        if not isinstance(content, dict) or not content.keys() >= types.keys():
+            raise self._unreadable(name, f"it should hold {', '.join(types)}")
+        for key, wanted in types.items():
+            if type(content[key]) is not wanted:
+                raise self._unreadable(name, f"its {key} is {content[key]!r:.60}")
+        return content
+
+    def _parse(self, name: str, parse: Callable[[str], Any]) -> Any:
+        path = self.folder / name
+        try:
+            if path.exists() and not path.is_file():  # a FIFO would never end
+                raise OSError("it is no file")
+            return parse(path.read_text(encoding="utf-8"))
+        except Exception as error:
+            raise self._unreadable(name, _why(error)) from error
+
+    def _unreadable(self, name: str, why: object) -> DataError:
+        reason = " ".join(str(why).split())
+        return DataError(
+            f"{self.folder / name} cannot be read ({reason}); remove the folder, or run the experiment again"
+        )
+
+
+def _csv_rows(text: str) -> list[list[str]]:
+    """Header and rows of a CSV file; ValueError if it is torn."""
+    if not text.endswith("\n"):
+        raise ValueError("it ends within a line")
+    rows = list(csv.reader(io.StringIO(text, newline=""), strict=True))
+    if any(len(row) != len(rows[0]) for row in rows):
+        raise ValueError("a row has more or fewer values than the first line has names")
+    return rows
+
+
+def _yaml(text: str) -> Any:
+    """The content of a YAML file; ValueError if it has aliases, which none of ours has and which fill any memory."""
+    import yaml
+
+    if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, Loader=yaml.SafeLoader)):
+        raise ValueError("it has an alias")
+    return yaml.safe_load(text)
+
+
+def _why(error: Exception) -> str:
+    """What a file of a run lacks, in our words: what parsers say speaks of their own inside."""
+    match error:
+        case OSError(strerror=str(reason)):
+            return reason
+        case UnicodeDecodeError():
+            return "it is no text in UTF-8"
+        case json.JSONDecodeError():
+            return f"line {error.lineno} is no JSON"
+        case csv.Error():
+            return "it is no CSV"
+        case ValueError() | OSError():
+            return str(error)
+        case _:
+            mark = getattr(error, "problem_mark", None)
+            return f"line {mark.line + 1} is no YAML" if mark else "it is damaged"
+
+
+def load_run(folder: str | Path) -> LoadedRun:
+    """The run in a folder; DataError if there is none."""
+    path = Path(folder)
+    if not (path / STATUS).is_file():
+        jobs = f", but the jobs of a sweep: give one, such as {path / '0'}" if (path / "0" / STATUS).is_file() else ""
+        raise DataError(f"{path} holds no run (no status.json){jobs}; `omnilab runs` lists the runs there are")
+    return LoadedRun(path.resolve())
+
+
+def find_runs(logs: str | Path = "logs") -> list[LoadedRun]:
+    """All runs below a folder, oldest first; DataError if there is no such folder."""
+    if not Path(logs).is_dir():
+        raise DataError(f"there is no folder {logs}; give the one that holds the runs (logs=... of an experiment)")
+    files = Path(logs).rglob(STATUS)  # which follows no link, such as `latest`
+    return [LoadedRun(f.parent) for f in sorted(files, key=lambda f: f.parent.as_posix())]
