@@ -150,13 +150,9 @@ class Degeneracy:
     def __init__(self, places: Places, name: str = "") -> None:
         self._places, self._name = places, name  # that of the descriptor, where there are several
         self.alike = first_alike(places.signatures)  # (P,)
+        self._all_alike = len(self.alike) > 1 and not self.alike.any()
         self._first: Signatures | None = None  # of the queries
         self._queries = self._equal = self._of_map = self._undecided = 0
-
-    @property
-    def _all_alike(self) -> bool:
-        """Whether all places have one signature."""
-        return len(self.alike) > 1 and not self.alike.any()
 
     def add(self, signatures: Signatures, scored: ScoredEstimates) -> None:
         """Take note of a batch of queries."""
@@ -171,20 +167,12 @@ class Degeneracy:
 
     def map_warnings(self) -> list[str]:
         """On the map."""
-        places, again = self._places, np.flatnonzero(self.alike != np.arange(len(self.alike)))
-        found = []
+        found = equal_signatures(self._places.signatures, self._places.keys, "places of the map")
         if self._all_alike:
-            found.append(
-                f"all {len(places)} places of the map have equal signatures, as black or constant pictures have: no answer"
-                " is better than another, so that none counts as right, and headings are left out"
-            )
-        elif len(again):
-            pair = f"{places.keys[self.alike[again[0]]]} and {places.keys[again[0]]}"
-            found.append(
-                f"{len(again)} of {len(places)} places of the map have the signature of a place before, as copies of a"
-                f" picture or black ones have (the first: {pair}): an answer that could as well be another counts as the worse"
-            )
-        return found
+            return [
+                f"{found[0]}: no answer is better than another, so that none counts as right, and headings are left out"
+            ]
+        return [f"{sentence}: an answer that could as well be another counts as the worse" for sentence in found]
 
     def query_warnings(self) -> list[str]:
         """On the queries so far."""
@@ -216,6 +204,31 @@ class Degeneracy:
     def _log(self, record: Recorder, sentences: list[str]) -> None:
         for sentence in sentences:
             record.log("log", Text(f"{self._name}: {sentence}" if self._name else sentence, "WARN"))
+
+
+def equal_signatures(signatures: Signatures, keys: Sequence[str], what: str) -> list[str]:
+    """A sentence if images have equal signatures, as copies of a picture and black ones have; none if all differ.
+
+    `keys` name the images, `what` says what they are.
+    """
+    alike = first_alike(signatures)
+    again = np.flatnonzero(alike != np.arange(len(alike)))
+    if not len(again):
+        return []
+    if not alike.any():
+        return [f"all {len(keys)} {what} have equal signatures, as black or constant pictures have"]
+    pair = f"{keys[alike[again[0]]]} and {keys[again[0]]}"
+    copies = f"{len(again)} of {len(keys)} {what} have the signature of one before, as copies of a picture or black ones have"
+    return [f"{copies} (the first: {pair})"]
+
+
+def warn_of_equal_signatures(
+    signatures: Mapping[str, Signatures], keys: Sequence[str], what: str, record: Recorder
+) -> None:
+    """The sentence of each descriptor's signatures, into the logs, where a study has no answers to count as the worse."""
+    for name, described in signatures.items():
+        for sentence in equal_signatures(described, keys, what):
+            record.log("log", Text(f"{name}: {sentence}; their distances are 0, which no comparison can rank", "WARN"))
 
 
 def joined_estimates(batches: Sequence[ScoredEstimates]) -> ScoredEstimates:

@@ -11,7 +11,7 @@ import numpy as np
 from omnilab.api import Floats, Frames, Ints, Recorder, Signatures
 from omnilab.errors import DataError
 from omnilab_studies.common.methods import Method, describe_all, joined_signatures, prepared
-from omnilab_studies.common.scores import known_poses
+from omnilab_studies.common.scores import known_poses, warn_of_equal_signatures
 from omnilab_studies.local_maps.embedders import pairwise_distances
 
 
@@ -30,15 +30,18 @@ def describe_images(
     """Describe every image once by each descriptor of the methods; DataError if there is no image, or no pose."""
     parts: dict[str, list[Signatures]] = {method.descriptor_name: [] for method in methods}
     position_m: list[Floats] = []
+    keys: list[str] = []
     omitted: list[str] = []
     for frames in batches:
         for name, signatures in describe_all(methods, frames, record).items():
             parts[name].append(signatures)
         position_m.append(known_poses(frames.T_world_camera, what)[:, :3, 3])
+        keys += frames.keys
         omitted += frames.omitted
     if not position_m:
         raise DataError(f"the sensor delivered no {what} for the study's layout; look at what it left out")
     joined = {name: joined_signatures(found) for name, found in parts.items()}
+    warn_of_equal_signatures(joined, keys, what, record)
     return DescribedImages(joined, np.concatenate(position_m), omitted)
 
 

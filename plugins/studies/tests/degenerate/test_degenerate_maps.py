@@ -11,9 +11,11 @@ from omnilab.errors import DataError
 from omnilab.geometry import planar_poses
 from omnilab.metrics import equal, first_alike
 from omnilab.runner.recorder import Recorder
-from omnilab_studies import Grid
+from omnilab_studies import Grid, LargeMap, Linearity
+from omnilab_studies.common.methods import Method
 from omnilab_studies.common.scores import Degeneracy, score
 from omnilab_studies.common.tables import markdown, markdown_table
+from omnilab_studies.local_maps.candidates import describe_images
 from omnilab_studies.localization.grid.study import Queries
 from omnilab_studies.localization.map.study import MapStudy
 
@@ -143,7 +145,7 @@ def test_copies_of_a_picture_count_as_the_worse_and_are_told():
     assert metrics["recall_at_1"].value == pytest.approx(2 / 3)  # place 2 is within a step of the last
     assert np.isnan(table["heading_error_deg"]).tolist() == [True, False, False]
     assert metrics["heading_error_mean"].value == 0  # of those that are decided
-    assert warnings[0].startswith("1 of 4 places of the map have the signature of a place before")
+    assert warnings[0].startswith("1 of 4 places of the map have the signature of one before")
     assert "(the first: p0 and p3)" in warnings[0]
     assert warnings[1].startswith("1 of 3 queries have answers that nothing tells from places elsewhere")
 
@@ -214,6 +216,28 @@ def test_a_map_of_equal_pictures_is_told_when_it_is_made():
     report = MapStudy(step_m=1.0).run(parts, record, np.random.default_rng(1))
     assert [warning[:36] for warning in record.warnings] == ["all 4 places of the map have equal s"]
     assert report.metrics[-1].name == "step"
+
+
+def test_studies_that_compare_images_tell_of_equal_ones():
+    sensor, record = Album([7, 8, 7, 9]), Recorder()
+    methods = [Method("level", "level", Level(), Apart(), "apart")]
+    describe_images(methods, sensor.frames(sensor.plan(GridPoses(1.0))), "images", record)
+    (warning,) = record.warnings
+    assert warning.startswith(
+        "level: 1 of 4 images have the signature of one before, as copies of a picture or black ones"
+    )
+    assert "(the first: p0 and p2)" in warning
+
+
+@pytest.mark.parametrize("study", [LargeMap([1.0], query_count=3), Linearity(every=1, step_m=1.0, reach_m=3.0)])
+def test_no_study_is_silent_on_black_pictures(study):
+    record = Recorder()
+    parts = Parts(
+        sensor=Album([0] * 4, [0] * 4, queries_m=FOUR), descriptor=Level(), distance=Apart(), localizer=Nearest(),
+        descriptors={"level": Level()}, default_distances={"level": Apart()}, localizers={"nearest": Nearest()},
+    )  # fmt: skip
+    study.run(parts, record, np.random.default_rng(1))
+    assert any("have equal signatures" in warning for warning in record.warnings)
 
 
 def test_the_viewer_shows_why_there_is_no_value():

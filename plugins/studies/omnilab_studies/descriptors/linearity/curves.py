@@ -28,8 +28,17 @@ class Curve:
     @property
     def relative(self) -> Floats:
         """The mean, its highest value being 1."""
-        highest = float(self.mean.max())
-        return self.mean / highest if highest > 0 else self.mean
+        return self.mean / self._highest
+
+    @property
+    def relative_deviation(self) -> Floats:
+        """Standard deviation over the lines, in the unit of `relative`."""
+        return np.sqrt(self.variance) / self._highest
+
+    @property
+    def _highest(self) -> float:
+        """Value of the mean; 1 where all are 0, as distances of equal images are."""
+        return float(self.mean.max()) or 1.0
 
     @property
     def spread(self) -> float:

@@ -36,7 +36,7 @@ def curves(groups: Mapping[str, Mapping[str, Curve]]) -> Figure:
             style = STYLES[list(colors).index(distance) // 10 % len(STYLES)]
             axes.plot(x, y, style, color=colors[distance], linewidth=2.4 if distance == best else 1.1, label=label)
         curve = of[best]
-        deviation = np.sqrt(curve.variance) * curve.relative[-1] / curve.mean[-1]
+        deviation = curve.relative_deviation
         axes.fill_between(
             curve.distance_m,
             curve.relative - deviation,

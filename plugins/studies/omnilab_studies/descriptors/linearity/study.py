@@ -40,7 +40,7 @@ from omnilab_studies.common.methods import (
     prepared,
     settings_of,
 )
-from omnilab_studies.common.scores import known_poses
+from omnilab_studies.common.scores import known_poses, warn_of_equal_signatures
 from omnilab_studies.common.tables import markdown
 from omnilab_studies.descriptors.figures import pareto
 from omnilab_studies.descriptors.layout import layout_of
@@ -132,18 +132,22 @@ class Linearity:
         """Signatures by descriptor, which frames of the plan they are of, and what could not be delivered."""
         batches: dict[str, list[Signatures]] = {name: [] for name in descriptors_of(methods)}
         delivered: list[Ints] = []
+        keys: list[str] = []
         omitted: list[str] = []
         every = max(1, -(-len(plan) // self.show)) if self.show > 0 else len(plan) + 1
         for frames in deliver(parts, plan, record, "images"):
             for name, described in describe_all(methods, frames, record).items():
                 batches[name].append(described)
             delivered.append(frames.plan_index)
+            keys += frames.keys
             omitted += frames.omitted
             for i in np.flatnonzero((frames.plan_index + 1) % every == 0):
                 show_picture(record, frames, int(i), Tick(int(frames.plan_index[i]), int(frames.stamps_ns[i])))
         if not delivered:
             raise DataError("the sensor delivered no images for the study's lines; look at what it left out")
-        return {name: joined_signatures(b) for name, b in batches.items()}, np.concatenate(delivered), omitted
+        joined = {name: joined_signatures(b) for name, b in batches.items()}
+        warn_of_equal_signatures(joined, keys, "images", record)
+        return joined, np.concatenate(delivered), omitted
 
     def _curves(
         self, methods: Sequence[Method], signatures: Mapping[str, Signatures], lines: Ints, record: Recorder

@@ -39,7 +39,8 @@ def scaling(rows: Sequence[Mapping[str, Any]]) -> Figure:
         axes.set(xscale="log", xlabel="places", ylabel=label)
         axes.grid(alpha=0.25, which="both")
         axes.spines[["top", "right"]].set_visible(False)
-        axes.legend(fontsize=8, frameon=False)
+        if axes.get_legend_handles_labels()[0]:  # no cost of 0 has a line
+            axes.legend(fontsize=8, frameon=False)
     panels[3].set_ylim(min(0.9, panels[3].get_ylim()[0]), 1.005)
     figure.suptitle("Cost and agreement as the map grows")
     return figure

@@ -33,7 +33,7 @@ from omnilab_studies.common.describing import describe, describe_places, fitted
 from omnilab_studies.common.frames import deliver_queries
 from omnilab_studies.common.logs import show_frame, start_logs
 from omnilab_studies.common.methods import joined_signatures
-from omnilab_studies.common.scores import known_poses
+from omnilab_studies.common.scores import Degeneracy, known_poses
 from omnilab_studies.common.tables import columns_of, markdown
 from omnilab_studies.localization.large_map.figures import scaling
 from omnilab_studies.localization.large_map.layout import LAYOUT
@@ -99,6 +99,7 @@ class LargeMap:
             grid = covered.plan(self._grid(step_m))
             whole, omitted = describe_places(replace(parts, sensor=covered), grid, record, f"{len(grid)} places")
             left_out += len(omitted)
+            Degeneracy(whole).log_map(record)
             for count in range(1, len(covered.sensors) + 1):
                 some = covered.first(count)
                 tick = Tick(i + count - 1, MAP_NS * (i + count - 1))
