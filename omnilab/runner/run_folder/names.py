@@ -7,8 +7,9 @@ from datetime import datetime
 
 STATUS, MANIFEST, CONFIG = "status.json", "manifest.json", "config.yaml"
 METRICS = ["metric", "value", "unit", "low", "high", "note"]  # the columns of metrics.csv
-WARNINGS = "warnings.txt"
+WARNINGS, RUN_LOG = "warnings.txt", "run.log"
 RUNNING, DONE, FAILED, INTERRUPTED, KILLED = "running", "done", "failed", "interrupted", "killed"
+SILENT = "silent"  # it says "running", and whether its process lives cannot be told from here
 UNREADABLE = "unreadable"  # what a damaged run is listed as
 
 

@@ -8,13 +8,18 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from omnilab.atomic_files import is_process
 from omnilab.errors import DataError
-from omnilab.runner.run_folder.names import CONFIG, KILLED, MANIFEST, RUNNING, STATUS
+from omnilab.runner.run_folder import process
+from omnilab.runner.run_folder.lock import REPAIR, RUN, LockState, ago, by_time, lock_state
+from omnilab.runner.run_folder.names import CONFIG, KILLED, MANIFEST, RUNNING, SILENT, STATUS
+
+CLOCKS_S = 10.0  # by which the times of a process and of a file may differ
 
 
 @dataclass(frozen=True)
@@ -84,14 +89,57 @@ class LoadedRun:
 
     @property
     def alive(self) -> bool:
-        """Whether the run's process is still there."""
-        return is_process(self.status["pid"])
+        """Whether the run goes on, or may: nothing of it is to be touched."""
+        return self.state in (RUNNING, SILENT)
 
     @property
     def state(self) -> str:
-        """The status, where a run that says "running" but has no process was killed."""
+        """The status; of one that says "running", whether its process is there, was killed, or cannot be told (silent)."""
+        if self.status["status"] != RUNNING:
+            return str(self.status["status"])
+        found = self.lock
+        if found.state == RUNNING and found.purpose == RUN:
+            return RUNNING
+        self.__dict__.pop("status", None)  # it may have ended while we looked
         status = str(self.status["status"])
-        return KILLED if status == RUNNING and not self.alive else status
+        if status == RUNNING:
+            return KILLED if found.purpose == REPAIR else found.state
+        return status
+
+    @property
+    def lock(self) -> LockState:
+        """What is known of the process that writes, or wrote, the run."""
+        return lock_state(self.folder) or self._by_pid()
+
+    def _by_pid(self) -> LockState:
+        """Of a run of before, which has no lock: by its process, and by what it wrote last."""
+        host, last_s = self._host(), max(map(_changed_s, (self.folder / STATUS, *self.folder.glob("run.*"))))
+        elsewhere = host not in (None, process.host())
+        state = by_time(last_s) if elsewhere or self._may_be(self.status["pid"]) else KILLED
+        where = f" on host {host}" if host else ""
+        return LockState(state, RUN, f"process {self.status['pid']}{where}, last change {ago(last_s)}")
+
+    def _host(self) -> str | None:
+        """Where the run was made; None if it does not say."""
+        try:
+            host = self.manifest.get("host")
+        except DataError:
+            return None
+        name = host.get("name") if isinstance(host, dict) else None
+        return name if isinstance(name, str) else None
+
+    def _may_be(self, pid: int) -> bool:
+        """Whether the process of this number may be the run's: no other program, and no younger than the run."""
+        found = process.process(pid)
+        if found is None or found.ended:
+            return found is None and is_process(pid)
+        if b"omnilab" not in found.command and b"python" not in found.command:
+            return False
+        try:
+            opened_s = datetime.fromisoformat(str(self.status.get("time"))).timestamp()
+        except ValueError:
+            return True
+        return process.started_s(found) < opened_s + CLOCKS_S
 
     def _read(self, name: str, parse: Callable[[str], Any], **types: type) -> dict[str, Any]:
         """A file of the run that must be a mapping with these keys and types of content; DataError if it is not."""
@@ -117,6 +165,14 @@ class LoadedRun:
         return DataError(
             f"{self.folder / name} cannot be read ({reason}); remove the folder, or run the experiment again"
         )
+
+
+def _changed_s(file: Path) -> float:
+    """When a file was changed, in seconds since 1970; 0 if it is gone."""
+    try:
+        return file.lstat().st_mtime
+    except OSError:
+        return 0.0
 
 
 def _csv_rows(text: str) -> list[list[str]]:

@@ -15,7 +15,8 @@ from typing import Any
 from omnilab.api import Metric, Report
 from omnilab.errors import DataError, visible
 from omnilab.runner.run_folder.latest import check_latest, point_latest
-from omnilab.runner.run_folder.names import CONFIG, MANIFEST, METRICS, RUNNING, STATUS, WARNINGS
+from omnilab.runner.run_folder.lock import RunLock, check_unused
+from omnilab.runner.run_folder.names import CONFIG, MANIFEST, METRICS, RUN_LOG, RUNNING, STATUS, WARNINGS
 from omnilab.runner.run_folder.tables import number, write_csv
 
 NO_VALUE = "there was nothing to compute it from"
@@ -28,13 +29,27 @@ class RunFolder:
         self.folder = folder
         self._handler: logging.Handler | None = None
         self._warnings = _WarningPrinter()
+        self._lock: RunLock | None = None
 
     def open(self, manifest: Mapping[str, Any], config_yaml: str, latest: Path | None = None) -> None:
-        """Create the folder; from here on the run shows up in `omnilab runs`."""
+        """Create and lock the folder; from here on the run shows up in `omnilab runs`.
+
+        DataError if it cannot be written, or holds a run or other files already.
+        """
         if latest is not None:
             check_latest(latest)
         try:
+            self._open(manifest, config_yaml, latest)
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self, manifest: Mapping[str, Any], config_yaml: str, latest: Path | None) -> None:
+        try:
             self.folder.mkdir(parents=True, exist_ok=True)
+            check_unused(self.folder)
+            self._lock = RunLock.take(self.folder)
+            check_unused(self.folder)  # another run may have begun and ended in between
             (self.folder / CONFIG).write_text(config_yaml, encoding="utf-8")
         except OSError as error:
             raise DataError(
@@ -44,7 +59,7 @@ class RunFolder:
         self.status(RUNNING)  # makes it a run: the rest is there
         if latest is not None:
             point_latest(latest, self.folder)
-        self._handler = logging.FileHandler(self.folder / "run.log", encoding="utf-8")
+        self._handler = logging.FileHandler(self.folder / RUN_LOG, encoding="utf-8")
         self._handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
         logging.getLogger().addHandler(self._handler)
         logging.getLogger("omnilab").setLevel(logging.INFO)
@@ -72,12 +87,15 @@ class RunFolder:
         write_csv(self.folder / "cost.csv", ["cost", "value", "unit"], ((n, f"{v:.6g}", u) for n, v, u in rows))
 
     def close(self) -> None:
-        """Release the log file."""
+        """Release the log file and the lock."""
         if self._handler is not None:
             logging.getLogger().removeHandler(self._handler)
             self._handler.close()
             self._handler = None
             logging.getLogger("omnilab").removeHandler(self._warnings)
+        if self._lock is not None:
+            self._lock.release()
+            self._lock = None
 
 
 class _WarningPrinter(logging.Handler):
