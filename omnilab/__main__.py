@@ -5,10 +5,12 @@ from __future__ import annotations
 import sys
 
 from omnilab.runner.interrupts import uninterrupted
+from omnilab.runner.streams import outlast
 
 
 def main() -> None:
     """Import the command line, then do as it says."""
+    outlast()
     try:
         with uninterrupted():
             from omnilab.runner.cli import main as command

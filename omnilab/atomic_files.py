@@ -14,7 +14,7 @@ PART = r"\.(?P<pid>\d{1,9})-[0-9a-f]{8}\.part"  # what follows the name of a fil
 def write_whole(file: Path, write: Callable[[BinaryIO], object]) -> int:
     """Write a file under a name of this process's own, then give it its own; its size in bytes.
 
-    OSError leaves nothing behind, a kill a file whose name ends as `PART` says.
+    OSError names the file and leaves nothing behind, a kill a file whose name ends as `PART` says.
     """
     part = file.with_name(f"{file.name}.{os.getpid()}-{secrets.token_hex(4)}.part")
     try:
@@ -22,6 +22,10 @@ def write_whole(file: Path, write: Callable[[BinaryIO], object]) -> int:
             write(out)
         size = part.stat().st_size
         part.replace(file)
+    except OSError as error:
+        if error.filename in {None, str(part)}:
+            error.filename = str(file)
+        raise
     finally:
         part.unlink(missing_ok=True)
     return size

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import errno
 from collections.abc import Iterable
 
 
@@ -22,6 +23,20 @@ class PluginError(OmnilabError):
     """A plugin does not keep the contract."""
 
     item: int | None = None  # which of the images, queries, ... of a batch it is about
+
+
+UNWRITABLE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO}
+
+
+def of_machine(error: BaseException) -> OmnilabError | None:
+    """The sentence about a full disk, or too little memory, which are no bugs; None about any other error."""
+    if isinstance(error, OSError) and error.errno in UNWRITABLE:
+        what = error.filename or "a file"
+        return DataError(f"{what} cannot be written ({error.strerror}); make room there, or give another place")
+    if isinstance(error, MemoryError):
+        why = f" ({error})" if str(error) else ""
+        return DataError(f"there is too little memory{why}; give it less to do at once, or a larger machine")
+    return None
 
 
 def did_you_mean(word: str, known: Iterable[str], prefix: str = "") -> str:

@@ -16,11 +16,12 @@ from typing import Any
 
 from omnilab import hooks
 from omnilab.api import KINDS
-from omnilab.errors import ConfigError, DataError, OmnilabError, did_you_mean, visible
+from omnilab.errors import ConfigError, DataError, OmnilabError, did_you_mean, of_machine, visible
 from omnilab.runner.interrupts import uninterrupted
 from omnilab.runner.registry import Registry, discover
 from omnilab.runner.repair import mend
 from omnilab.runner.run_folder import RUNNING, UNREADABLE, LoadedRun, find_runs, load_run, new_folder_name
+from omnilab.runner.streams import unwritten
 from omnilab.runner.terminal import headline, print_error, print_table, short, show_run
 
 HELP = """\
@@ -38,16 +39,23 @@ A component's settings: omnilab plugins NAME. The whole configuration: omnilab e
 def main(argv: Sequence[str] | None = None) -> None:
     """Run a command; a user's mistake is one line and exit code 2, a bug is a traceback."""
     argv = list(sys.argv[1:] if argv is None else argv)
+    code: Any
     try:
         code = _dispatch(argv)
-    except OmnilabError as error:
-        print_error(str(error))
+    except (OmnilabError, OSError, MemoryError) as error:
+        mistake = error if isinstance(error, OmnilabError) else of_machine(error)
+        if mistake is None:
+            raise
+        print_error(str(mistake))
         code = 2
     except KeyboardInterrupt:
         print_error("interrupted; the logs are complete up to here")
         code = 130
-    except BrokenPipeError:  # the reader of a table has seen enough
-        code = 0
+    except SystemExit as ended:  # argparse
+        code = ended.code
+    if why := unwritten():
+        print_error(f"standard output cannot be written ({why}); make room there, or give another place")
+        code = code or 2
     sys.exit(code)
 
 
@@ -209,7 +217,11 @@ def runs(argv: list[str]) -> int:
 def _described(run: LoadedRun) -> list[str]:
     """Status, main metrics, overrides; a damaged run must not hide the others."""
     try:
-        return [run.state, headline(run), " ".join(o for o in run.manifest["overrides"] if o[:11] != "experiment=")]
+        return [
+            run.state,
+            headline(run.metrics),
+            " ".join(o for o in run.manifest["overrides"] if o[:11] != "experiment="),
+        ]
     except DataError as error:
         return [UNREADABLE, str(error), ""]
 
@@ -237,8 +249,7 @@ def repeat(argv: list[str]) -> int:
     where = {"logs": options.logs, "cache": first.config.get("cache") and Settings.cache}  # never as a file says
     run = again(first.config | where, first.manifest, registry)
     folder = Path(run.logs) / name / new_folder_name()
-    execute(run, folder, registry, first.manifest["overrides"], name)
-    show_run(folder)
+    execute(run, folder, registry, first.manifest["overrides"], name, lambda report: show_run(report, folder))
     second = load_run(folder).metrics
     different = [name for name in first.metrics if repr(first.metrics[name]) != repr(second.get(name))]
     if different:

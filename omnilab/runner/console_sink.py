@@ -69,9 +69,14 @@ class Console:
     def flush(self) -> None:
         """Nothing is held back."""
 
-    def close(self) -> None:
+    def leave_terminal(self) -> None:
+        """Draw no more bars: what is printed next would be drawn over."""
         if self._progress is not None:
             self._progress.stop()
+            self._progress = None
+
+    def close(self) -> None:
+        self.leave_terminal()
         self.__post_init__()
 
     def repair(self, folder: Path) -> str | None:  # noqa: ARG002

@@ -5,10 +5,9 @@ from __future__ import annotations
 import hashlib
 import logging
 import resource
-import signal
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -18,10 +17,12 @@ import numpy as np
 from omegaconf import OmegaConf
 
 from omnilab.api import KINDS, Parts, Report, Text, is_cached
-from omnilab.errors import OmnilabError
+from omnilab.errors import OmnilabError, of_machine
 from omnilab.runner.boundaries import check_report, ending, guard
 from omnilab.runner.config import Run, named_components, resolved, resolved_yaml
+from omnilab.runner.console_sink import Console
 from omnilab.runner.fingerprint import file_digests
+from omnilab.runner.interrupts import HeldSignals
 from omnilab.runner.map_file import FILE, load_places, save_map
 from omnilab.runner.recorder import Recorder
 from omnilab.runner.registry import Registry
@@ -34,43 +35,87 @@ OFF = ("off", "false")  # what YAML makes of off
 log = logging.getLogger("omnilab")
 
 
-def execute(run: Run, folder: Path, registry: Registry, overrides: Sequence[str] = (), experiment: str = "") -> Report:
-    """Run the study, and leave a complete run folder whatever happens."""
+def execute(
+    run: Run,
+    folder: Path,
+    registry: Registry,
+    overrides: Sequence[str] = (),
+    experiment: str = "",
+    show: Callable[[Report], object] = lambda _: None,
+) -> Report:
+    """Run the study, and leave a complete run folder whatever happens; results are shown before they are written."""
     config_yaml = resolved_yaml(run)
-    run_folder = RunFolder(folder)
-    run_folder.open(
-        manifest_of(run, registry, overrides, experiment, config_yaml), config_yaml, Path(run.logs) / "latest"
-    )
-    recorder = Recorder(run.sinks, folder)
-    cache = _cache(run)
-    start = time.perf_counter()
-    log.info("run of experiment '%s' starts: %s", experiment, " ".join(overrides))
-    try:
-        with _signals(recorder), recorder, pinned(run.threads):
-            for failure in registry.failures:
-                log.info("%s", failure.sentence)  # the command line has printed it
-            report: Report = run.study.run(_parts(run, registry, cache), recorder, np.random.default_rng(run.seed))
-            check_report(report, registry.title_of("study", run.study))
-            _log_results(report, recorder)
-            run_folder.write(report, recorder.warnings)
-            if report.map is not None:
-                save_map(folder / FILE, report.map, _about(run, registry))
-    except KeyboardInterrupt:
-        run_folder.status(INTERRUPTED, sinks_dropped=recorder.dropped)
-        raise
-    except BaseException as error:
-        log.error("the run failed: %s", error, exc_info=not isinstance(error, OmnilabError))
-        run_folder.status(FAILED, error=f"{type(error).__name__}: {error}", sinks_dropped=recorder.dropped)
-        if not isinstance(error, Exception):
-            raise ending(error, registry.title_of("study", run.study)) from error
-        raise
-    else:
-        run_folder.status(DONE, sinks_dropped=recorder.dropped)
-        log.info("done in %.1f s", time.perf_counter() - start)
-    finally:
-        run_folder.write_costs(_costs(recorder, cache, time.perf_counter() - start))
-        run_folder.close()
+    manifest = manifest_of(run, registry, overrides, experiment, config_yaml)
+    with HeldSignals() as signals:
+        run_folder = RunFolder(folder)
+        run_folder.open(manifest, config_yaml, Path(run.logs) / "latest")
+        recorder, cache, start = Recorder(run.sinks, folder), None, time.perf_counter()
+        outcome: dict[str, Any] = {"status": INTERRUPTED}
+        log.info("run of experiment '%s' starts: %s", experiment, " ".join(overrides))
+        try:
+            cache = _cache(run)
+            try:
+                with recorder, pinned(run.threads):
+                    with signals.heard(recorder.interrupt):
+                        report = _studied(run, registry, cache, recorder)
+                    _write(report, run, registry, run_folder, recorder, show)
+                    if not run_folder.missing:
+                        outcome = {"status": DONE}
+            finally:
+                run_folder.write_costs(_costs(recorder, cache, time.perf_counter() - start))
+            run_folder.check()
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
+            outcome = {"status": FAILED, "error": _said(error)}
+            log.error("the run failed: %s", _said(error), exc_info=not isinstance(error, OmnilabError))
+            if mistake := of_machine(error):
+                raise mistake from error
+            if not isinstance(error, Exception):
+                raise ending(error, registry.title_of("study", run.study)) from error
+            raise
+        finally:
+            log.info("%s in %.1f s", outcome["status"], time.perf_counter() - start)
+            run_folder.end(**outcome, sinks_dropped=recorder.dropped)
     return report
+
+
+def _studied(run: Run, registry: Registry, cache: SignatureCache | None, recorder: Recorder) -> Report:
+    """What the study found, checked and logged."""
+    for failure in registry.failures:
+        log.info("%s", failure.sentence)  # the command line has printed it
+    report: Report = run.study.run(_parts(run, registry, cache), recorder, np.random.default_rng(run.seed))
+    check_report(report, registry.title_of("study", run.study))
+    _log_results(report, recorder)
+    return report
+
+
+def _write(
+    report: Report,
+    run: Run,
+    registry: Registry,
+    run_folder: RunFolder,
+    recorder: Recorder,
+    show: Callable[[Report], object],
+) -> None:
+    """Show the results, then write all of them that can be written."""
+    for sink in run.sinks.values():
+        if isinstance(sink, Console):
+            sink.leave_terminal()
+    places = report.map
+    others = {} if places is None else {FILE: lambda: save_map(run_folder.folder / FILE, places, _about(run, registry))}
+    try:
+        show(report)
+    finally:
+        run_folder.write(report, recorder.warnings, others)
+
+
+def _said(error: BaseException) -> str:
+    """Kind and message of an error, also of one whose message cannot be made."""
+    try:
+        return f"{type(error).__name__}: {error}"
+    except Exception:  # noqa: BLE001  whatever a plugin's error does
+        return type(error).__name__
 
 
 def _log_results(report: Report, recorder: Recorder) -> None:
@@ -151,24 +196,6 @@ def pinned(threads: int) -> Iterator[None]:
 
     with threadpool_limits(limits=threads):
         yield
-
-
-@contextmanager
-def _signals(recorder: Recorder) -> Iterator[None]:
-    """Ctrl-C, SIGTERM and a terminal that goes away (SIGHUP) end the run between two records, never within one."""
-    heard = [signal.SIGINT, signal.SIGTERM]
-    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup: go on without the terminal
-        heard.append(signal.SIGHUP)
-    try:
-        before = {number: signal.signal(number, recorder.interrupt) for number in heard}
-    except ValueError:  # not in the main thread: whoever runs us there has signals in hand
-        yield
-        return
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _costs(recorder: Recorder, cache: SignatureCache | None, wall_s: float) -> list[tuple[str, float, str]]:

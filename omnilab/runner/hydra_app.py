@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import sys
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, ClassVar, cast
 
@@ -16,16 +17,23 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from omnilab.errors import ConfigError, DataError, OmnilabError
+from omnilab.api import Report
+from omnilab.errors import ConfigError, DataError, OmnilabError, of_machine
 from omnilab.runner.boundaries import ending
 from omnilab.runner.build import build
 from omnilab.runner.config import Run, literal, logs_folder
 from omnilab.runner.execute import execute
+from omnilab.runner.interrupts import HeldSignals
 from omnilab.runner.overrides.command_line import for_hydra, quoted
 from omnilab.runner.overrides.compose_errors import sentence
 from omnilab.runner.registry import Registry, discover
-from omnilab.runner.run_folder import FAILED, RunFolder, load_run, new_folder_name, origin, write_summary
-from omnilab.runner.terminal import headline, print_error, print_summary, short, show_run
+from omnilab.runner.run_folder import DONE, FAILED, RunFolder, new_folder_name, origin, summarize, write_csv
+from omnilab.runner.streams import outlast
+from omnilab.runner.terminal import headline, print_error, print_summary, print_table, short, show_run
+
+IN_SWEEP = (
+    "."  # hydra.sweep.subdir, unless it is given: each job's folder is made by the job, so that it may fail alone
+)
 
 
 def experiment(argv: list[str], registry: Registry) -> int:
@@ -36,7 +44,21 @@ def experiment(argv: list[str], registry: Registry) -> int:
     os.environ["HYDRA_FULL_ERROR"] = "1"  # exceptions come to us instead of being printed by Hydra
     argv = for_hydra(argv, registry)
     sys.argv = [sys.argv[0], *argv]
-    Summary.failed = 0
+    Sweep.folder, all_begun = None, False
+    with HeldSignals() as signals:
+        try:
+            with signals.heard():
+                _hydra(task, argv, registry)
+            all_begun = True
+        finally:  # also when it was interrupted, or a job ended it
+            code = _end_sweep(task.begun, all_begun)
+    if task.mistake:
+        raise task.mistake
+    return code
+
+
+def _hydra(task: Task, argv: list[str], registry: Registry) -> None:
+    """Have Hydra call the task, and say in a sentence what it does not like."""
     try:
         hydra.main(version_base="1.3", config_path="pkg://omnilab.conf", config_name="config")(task)()
     except (HydraException, OmegaConfBaseException) as error:
@@ -55,9 +77,6 @@ def experiment(argv: list[str], registry: Registry) -> int:
         if (mark := getattr(error, "problem_mark", None)) is None:
             raise
         raise ConfigError(f"{mark.name}, line {mark.line + 1}, is no YAML; correct it") from error  # a recipe
-    if task.mistake:
-        raise task.mistake
-    return 1 if Summary.failed else 0
 
 
 class Task:
@@ -66,41 +85,62 @@ class Task:
     def __init__(self, registry: Registry | None = None) -> None:
         self.registry = registry
         self.mistake: OmnilabError | None = None
+        self.begun: dict[str, list[str]] = {}  # the jobs of a sweep in this process: their overrides
 
     def __reduce__(self) -> tuple[type[Task], tuple[()]]:
         return Task, ()  # plugins that failed need not pickle
 
     def __call__(self, config: DictConfig) -> None:
-        self.registry = self.registry or discover()
+        if self.registry is None:
+            outlast()
+            self.registry = discover()
+        state = HydraConfig.get()
+        folder = Path(_as_is(state.runtime)["output_dir"])
+        overrides = _as_is(state.overrides)["task"]
+        name = str(state.runtime.choices.get("experiment"))
+        _say_new_names(state.runtime.choices, self.registry)
+        if state.mode is RunMode.MULTIRUN:
+            if state.sweep.subdir == IN_SWEEP:
+                folder /= str(state.job.num)
+            self.begun[folder.name] = overrides
+            run_job(config, self.registry, folder, overrides, name)
+            return
         try:
-            run_job(config, self.registry)
-        except OmnilabError as mistake:
-            self.mistake = mistake  # Hydra would print its own lines about it
-        except OmegaConfBaseException as error:
-            self.mistake = ConfigError(sentence(error, self.registry))
+            _run(config, self.registry, folder, overrides, name, lambda report: show_run(report, folder))
+        except (OmnilabError, OmegaConfBaseException) as error:
+            self.mistake = mistake_of(error, self.registry)  # Hydra would print its own lines about it
 
 
-def run_job(config: DictConfig, registry: Registry) -> None:
-    """One job: build, execute, show what came out. In a sweep a failure is noted, and the other jobs go on."""
-    state = HydraConfig.get()
-    folder = Path(_as_is(state.runtime)["output_dir"])
-    overrides = _as_is(state.overrides)["task"]
-    name = str(state.runtime.choices.get("experiment"))
-    _say_new_names(state.runtime.choices, registry)
-    if state.mode is not RunMode.MULTIRUN:
-        _run(config, registry, folder, overrides, name)
-        show_run(folder)
-        return
-    print_error(f"job {state.job.num}: {' '.join(overrides)}")
+def run_job(config: DictConfig, registry: Registry, folder: Path, overrides: list[str], name: str) -> None:
+    """One job of a sweep: build, execute, show what came out. A failure is noted, and the other jobs go on."""
+    computed: list[Report] = []
+
+    def show(report: Report) -> None:
+        computed.append(report)
+        metrics = {metric.name: float(metric.value) for metric in report.metrics}
+        print_error(f"job {folder.name}: {headline(metrics)}")
+
+    print_error(f"job {folder.name}: {' '.join(overrides)}")
     try:
-        _run(config, registry, folder, overrides, name)
-        print_error(f"job {state.job.num}: {headline(load_run(folder))}")
-    except OmnilabError as mistake:
-        _note_failure(folder, overrides, name, mistake)
-        print_error(str(mistake))
-    except Exception as bug:  # noqa: BLE001  shown in full; the other jobs of the sweep must not pay for it
-        _note_failure(folder, overrides, name, bug)
-        traceback.print_exc()
+        _run(config, registry, folder, overrides, name, show)
+    except Exception as error:  # noqa: BLE001  bugs are shown in full; the other jobs must not pay for them
+        for report in computed:  # which may not be on the disk
+            show_run(report, folder)
+        mistake = mistake_of(error, registry)
+        _note_failure(folder, overrides, name, mistake or error)
+        if mistake is None:
+            traceback.print_exception(error)
+        else:
+            print_error(str(mistake))
+
+
+def mistake_of(error: Exception, registry: Registry) -> OmnilabError | None:
+    """The sentence about what is no bug."""
+    if isinstance(error, OmnilabError):
+        return error
+    if isinstance(error, OmegaConfBaseException):
+        return ConfigError(sentence(error, registry))
+    return of_machine(error)
 
 
 def _as_is(node: Any) -> dict[str, Any]:
@@ -117,14 +157,20 @@ def _say_new_names(choices: Mapping[str, Any], registry: Registry) -> None:
                 print_error(f"{kind} '{name}' is called '{now}' now; write {group}={now}")
 
 
-def _run(config: DictConfig, registry: Registry, folder: Path, overrides: list[str], name: str) -> None:
+def _run(
+    config: DictConfig,
+    registry: Registry,
+    folder: Path,
+    overrides: list[str],
+    name: str,
+    show: Callable[[Report], object],
+) -> None:
     try:
-        run = _built(config, registry)
-    except OmnilabError:
-        if not any(folder.iterdir()):
+        execute(_built(config, registry), folder, registry, overrides, name, show)
+    except BaseException:
+        with suppress(OSError):  # it holds something, or is not there
             folder.rmdir()  # Hydra made it; nothing was run
         raise
-    execute(run, folder, registry, overrides, name)
 
 
 def _built(config: DictConfig, registry: Registry) -> Run:
@@ -140,38 +186,55 @@ def _built(config: DictConfig, registry: Registry) -> Run:
 
 def _note_failure(folder: Path, overrides: list[str], name: str, error: Exception) -> None:
     """A job that could not even be built leaves a folder that says so."""
-    if (folder / "status.json").exists():
-        return
-    run_folder = RunFolder(folder)
-    run_folder.open({"experiment": name, "overrides": overrides, **origin()}, "")
-    run_folder.status(FAILED, error=f"{type(error).__name__}: {error}")
-    run_folder.close()
+    try:
+        if (folder / "status.json").exists():
+            return
+        run_folder = RunFolder(folder)
+        run_folder.open({"experiment": name, "overrides": overrides, **origin()}, "")
+        run_folder.end(FAILED, error=f"{type(error).__name__}: {error}")
+    except (OSError, DataError) as why:
+        if str(why) != str(error):
+            print_error(str(why))
 
 
-class Summary:
-    """A Hydra callback: the table over all jobs of a sweep, written and printed when the last has ended."""
+def _end_sweep(begun: Mapping[str, Sequence[str]], all_begun: bool) -> int:
+    """Print and write the table over all jobs that were begun; the exit code. 0 where there is no sweep."""
+    folder = Sweep.folder
+    if folder is None or not folder.is_dir():
+        return 0
+    header, rows = summarize(folder, begun)
+    if not rows:
+        if all_begun:
+            print_error("the sweep has no job: one of its values, such as glob(...), matches nothing; correct that one")
+        return 1
+    file, failed = folder / "summary.csv", sum(row[header.index("status")] != DONE for row in rows)
+    print_summary(header, rows, title=str(short(file)))
+    if failed:
+        print_error(f"{failed} of {len(rows)} jobs did not end well; their status.json says why")
+    try:
+        write_csv(file, header, rows)
+    except OSError as error:
+        print_table(header, rows, title="the whole table")
+        print_error(
+            f"{short(file)} cannot be written ({error.strerror}), so the whole table was printed; make room there"
+        )
+        return 2
+    return 1 if failed else 0
 
-    failed: ClassVar[int] = 0  # jobs, of the last sweep
+
+class Sweep:
+    """A Hydra callback that knows where the jobs of a sweep are."""
+
+    folder: ClassVar[Path | None] = None  # of the sweep that was begun
 
     def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
         """All jobs go into one folder, also where a sweep is over experiments."""
         try:
-            folder = quoted(literal(str(config.hydra.sweep.dir)))
+            folder = literal(str(config.hydra.sweep.dir))
         except OmegaConfBaseException:
             return  # Hydra comes upon it next, and what it raises is shown
-        config.hydra.overrides.hydra.append(f"hydra.sweep.dir={folder}")
-
-    def on_multirun_end(self, config: DictConfig, **_: Any) -> None:
-        folder = Path(config.hydra.sweep.dir)
-        header, rows = write_summary(folder)
-        if not rows:
-            print_error("the sweep has no job: one of its values, such as glob(...), matches nothing; correct that one")
-            Summary.failed = 1
-            return
-        print_summary(header, rows, title=str(short(folder / "summary.csv")))
-        Summary.failed = sum(row[header.index("status")] != "done" for row in rows)
-        if Summary.failed:
-            print_error(f"{Summary.failed} of {len(rows)} jobs did not end well; their status.json says why")
+        config.hydra.overrides.hydra.append(f"hydra.sweep.dir={quoted(folder)}")
+        Sweep.folder = Path(str(config.hydra.sweep.dir))
 
     def __getattr__(self, name: str) -> Callable[..., None]:
         if name.startswith("on_"):  # Hydra calls every event on every callback

@@ -1,4 +1,7 @@
-"""Imports without Ctrl-C and garbage collection in between. Nothing but the standard library is imported here."""
+"""Signals that end a process: not within imports, nor while results are written.
+
+Nothing but the standard library is imported here.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,12 @@ import gc
 import os
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Self
 
+PATIENCE_S = 10.0  # after which a signal ends also what should not be interrupted
 SLOW_S = 10.0  # what takes longer is said, and Ctrl-C ends it
 
 _came: list[int] = []  # each Ctrl-C that waits
@@ -73,3 +79,54 @@ def noticed(say: Callable[[], None]) -> Iterator[None]:
         timer.cancel()
         timer.join()
         _slow.clear()
+
+
+def _raise() -> None:
+    raise KeyboardInterrupt
+
+
+class HeldSignals:
+    """Ctrl-C, SIGTERM and a terminal that goes away (SIGHUP) wait until the block has ended, except within `heard`.
+
+    Then they are a KeyboardInterrupt. Under nohup a terminal that goes away is none of our business. A block that does
+    not end within `PATIENCE_S` after a signal is ended by the next.
+    """
+
+    def __init__(self) -> None:
+        self._came_s: float | None = None
+        self._interrupt: Callable[[], object] | None = None
+        self._before: dict[int, signal.Handlers | Callable[..., object] | int | None] = {}
+
+    def __enter__(self) -> Self:
+        numbers = [signal.SIGINT, signal.SIGTERM]
+        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+            numbers.append(signal.SIGHUP)
+        if threading.current_thread() is threading.main_thread():  # else whoever runs us there has signals in hand
+            for number in numbers:
+                self._before[number] = signal.signal(number, self._came)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        if self._came_s is not None and kind is not KeyboardInterrupt:
+            raise KeyboardInterrupt
+
+    @contextmanager
+    def heard(self, interrupt: Callable[[], object] = _raise) -> Iterator[None]:
+        """Within this block a signal, also one that waits, does as `interrupt` says, which may raise KeyboardInterrupt."""
+        self._interrupt = interrupt
+        try:
+            if self._came_s is not None:
+                interrupt()
+            yield
+        finally:
+            self._interrupt = None
+
+    def _came(self, *_: object) -> None:
+        now_s = time.monotonic()
+        first_s, self._came_s = self._came_s, self._came_s or now_s
+        if self._interrupt is not None:
+            self._interrupt()
+        elif first_s is not None and now_s - first_s > PATIENCE_S:
+            raise KeyboardInterrupt

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from omnilab.api import Report
 from omnilab.errors import visible
-from omnilab.runner.run_folder import LoadedRun, load_run
+from omnilab.runner.run_folder import metric_row
 
 HEADLINE = 3  # metrics of a run that fit a line
 
@@ -44,30 +45,26 @@ def _brief(cell: str) -> str:
     return f"{float(cell):.6g}" if re.fullmatch(r"-?(0|[1-9]\d*)(\.\d+)?(e[+-]?\d+)?", cell) else cell
 
 
-def show_run(folder: Path) -> None:
-    """The metrics of a finished run."""
-    run = load_run(folder)
-    rows = [[name, _value(value), run.units[name].replace("1", "", 1)] for name, value in run.metrics.items()]
+def show_run(report: Report, folder: Path) -> None:
+    """The metrics of a run, which are written into its folder next."""
+    known = [metric_row(metric) for metric in report.metrics]
+    rows = [[name, value, unit.replace("1", "", 1)] for name, value, unit, *_ in known]
     header = ["metric", "value", "unit"]
-    if known := run.intervals:
+    if any(low for *_, low, _, _ in known):
         header.append("95 % interval")
-        rows = [[*row, "{:.4g} to {:.4g}".format(*known[row[0]]) if row[0] in known else ""] for row in rows]
-    if notes := run.notes:
+        intervals = [f"{float(low):.4g} to {float(high):.4g}" if low else "" for *_, low, high, _ in known]
+        rows = [[*row, interval] for row, interval in zip(rows, intervals, strict=True)]
+    if any(note for *_, note in known):
         header.append("note")
-        rows = [[*row, notes.get(row[0], "")] for row in rows]
-    print_table(header, rows, title=str(short(run.folder)))
+        rows = [[*row, note] for row, (*_, note) in zip(rows, known, strict=True)]
+    print_table(header, rows, title=str(short(folder.resolve())))
 
 
-def headline(run: LoadedRun) -> str:
+def headline(metrics: Mapping[str, float]) -> str:
     """A run's first three metrics, in a line."""
     return ", ".join(
-        f"{name} {'–' if math.isnan(value) else f'{value:.4g}'}" for name, value in list(run.metrics.items())[:HEADLINE]
+        f"{name} {'–' if math.isnan(value) else f'{value:.4g}'}" for name, value in list(metrics.items())[:HEADLINE]
     )
-
-
-def _value(value: float) -> str:
-    """A metric in a table; nothing where it has no value."""
-    return "" if math.isnan(value) else repr(value)
 
 
 def print_summary(header: Sequence[str], rows: Sequence[Sequence[str]], title: str) -> None:

@@ -12,7 +12,7 @@ from omnilab.api import Metric, Record, Report, Text, Tick
 from omnilab.errors import DataError
 from omnilab.runner.execute import _log_results
 from omnilab.runner.recorder import Recorder
-from omnilab.runner.run_folder import DONE, RunFolder, load_run, write_summary
+from omnilab.runner.run_folder import DONE, RunFolder, load_run, summarize
 from omnilab.runner.terminal import headline, show_run
 
 NAN = math.nan
@@ -68,13 +68,13 @@ def test_an_empty_value_without_a_reason_is_damage(folder: Path) -> None:
 
 
 def test_it_is_shown_with_the_reason(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    show_run(folder)
+    show_run(REPORT, folder)
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert ["closure_precision", "no", "loop", "was", "closed"] in lines
-    assert headline(load_run(folder)) == "closure_precision –, rate 0.3, error –"
-    header, rows = write_summary(folder.parent)
+    assert headline(load_run(folder).metrics) == "closure_precision –, rate 0.3, error –"
+    header, rows = summarize(folder.parent)
     assert rows[0][header.index("closure_precision")] == ""
-    assert (folder.parent / "summary.csv").read_text().count("nan") == 0
+    assert "nan" not in rows[0]
 
 
 def test_warnings_are_in_the_folder_a_line_each(folder: Path) -> None:

@@ -120,9 +120,7 @@ def test_advice_that_is_followed_works(tmp_path, monkeypatch, part):
     monkeypatch.chdir(tmp_path)
     begun, registry, wrong = [], discover(), []
     monkeypatch.setattr(hydra_app, "execute", lambda *given: begun.append(given))
-    monkeypatch.setattr(hydra_app, "show_run", lambda folder: None)
-    monkeypatch.setattr(hydra_app, "headline", lambda run: "")
-    monkeypatch.setattr(hydra_app, "load_run", lambda folder: None)
+    monkeypatch.setattr(hydra_app, "show_run", lambda report, folder: None)
     for given, advice, then in FOLLOWED[part]:
         try:
             hydra_app.experiment([*given], registry)

@@ -19,8 +19,6 @@ from mcap_protobuf.decoder import DecoderFactory
 from rerun.chunk import RrdReader
 
 from omnilab.runner import cli
-from omnilab.runner.execute import _signals
-from omnilab.runner.recorder import Recorder
 from omnilab.runner.registry import Registry
 
 SCRIPT = Path(sys.executable).with_name("omnilab")
@@ -194,20 +192,6 @@ def test_ctrl_c_before_the_run(start, tmp_path):
     time.sleep(0.3)
     assert run.end(signal.SIGINT) in {130, -signal.SIGINT}
     assert not (tmp_path / "logs").exists() or run.status["status"] == "interrupted"
-
-
-@pytest.mark.parametrize("before", [signal.SIG_IGN, signal.SIG_DFL])
-def test_a_terminal_that_goes_away_ends_no_run_under_nohup(tmp_path, before):
-    recorder, came = Recorder({}, tmp_path), []
-    recorder.interrupt = lambda *_: came.append("interrupt")
-    own = signal.signal(signal.SIGHUP, before)
-    try:
-        with _signals(recorder):
-            hears = signal.getsignal(signal.SIGHUP) == recorder.interrupt
-        assert hears == (before is signal.SIG_DFL)
-        assert signal.getsignal(signal.SIGHUP) == before
-    finally:
-        signal.signal(signal.SIGHUP, own)
 
 
 # ------------------------------------------------------------------------------------------- SIGKILL

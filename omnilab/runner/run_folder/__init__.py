@@ -14,8 +14,9 @@ from omnilab.runner.run_folder.names import (
 )
 from omnilab.runner.run_folder.origin import origin
 from omnilab.runner.run_folder.reading import LoadedRun, find_runs, load_run
-from omnilab.runner.run_folder.summary import write_summary
-from omnilab.runner.run_folder.writing import RunFolder
+from omnilab.runner.run_folder.summary import summarize
+from omnilab.runner.run_folder.tables import write_csv
+from omnilab.runner.run_folder.writing import RunFolder, metric_row
 
 __all__ = [
     "DONE",
@@ -30,8 +31,10 @@ __all__ = [
     "RunFolder",
     "find_runs",
     "load_run",
+    "metric_row",
     "new_folder_name",
     "origin",
     "point_latest",
-    "write_summary",
+    "summarize",
+    "write_csv",
 ]

@@ -6,6 +6,7 @@ import secrets
 from datetime import datetime
 
 STATUS, MANIFEST, CONFIG = "status.json", "manifest.json", "config.yaml"
+RESERVED = "status.json.reserved"  # room for the last status, should the disk be full by then
 METRICS = ["metric", "value", "unit", "low", "high", "note"]  # the columns of metrics.csv
 WARNINGS, RUN_LOG = "warnings.txt", "run.log"
 RUNNING, DONE, FAILED, INTERRUPTED, KILLED = "running", "done", "failed", "interrupted", "killed"

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
+
+from omnilab.atomic_files import write_whole
 
 
 def number(value: Any) -> str:
@@ -18,8 +21,14 @@ def number(value: Any) -> str:
 
 
 def write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """A CSV file in UTF-8; floats are written so that they read back exactly."""
-    with path.open("w", newline="", encoding="utf-8") as out:
-        writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(header)
-        writer.writerows(rows)
+    """A CSV file in UTF-8, whole or not at all; floats are written so that they read back exactly."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    write_text(path, text.getvalue())
+
+
+def write_text(path: Path, text: str) -> None:
+    """A file in UTF-8, whole or not at all."""
+    write_whole(path, lambda out: out.write(text.encode("utf-8", "backslashreplace")))

@@ -1,0 +1,89 @@
+"""Standard output and error that may go away: a pager that is left, a disk that is full, a terminal that is closed.
+
+Nothing but the standard library is imported here.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from collections.abc import Iterable
+from contextlib import suppress
+from typing import TextIO, cast
+
+
+class LastingStream:
+    """A text stream that raises nothing: once it cannot be written, `error` says why, and what follows goes nowhere.
+
+    What was lost of it is printed on `instead`, unless a reader has seen enough.
+    """
+
+    def __init__(self, stream: TextIO, instead: LastingStream | None = None) -> None:
+        self.error: Exception | None = None
+        self._stream, self._instead = stream, instead
+        self._waiting: list[str] = []  # what may not be written yet
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+    def write(self, text: str) -> int:
+        if self._instead is not None:
+            self._waiting.append(text)
+        try:
+            self._stream.write(text)
+        except (OSError, ValueError) as error:  # ValueError: it was closed
+            self._give_up(error)
+        return len(text)
+
+    def writelines(self, lines: Iterable[str]) -> None:
+        for line in lines:
+            self.write(line)
+
+    def flush(self) -> None:
+        try:
+            self._stream.flush()
+        except (OSError, ValueError) as error:
+            self._give_up(error)
+        self._waiting.clear()
+
+    def _give_up(self, error: Exception) -> None:
+        if self.error is None:
+            self.error = error
+            with suppress(OSError):  # no file can be opened: then every write fails, and is caught above
+                nowhere = os.open(os.devnull, os.O_WRONLY)  # for C libraries, too, and what Python flushes at its end
+                os.dup2(nowhere, self._stream.fileno())
+                os.close(nowhere)
+            if self._instead is not None and not isinstance(error, BrokenPipeError):
+                self._instead.writelines(self._waiting)
+        self._waiting.clear()
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._stream, name)
+
+
+def outlast() -> None:
+    """Make the standard streams of this process lasting ones; those that were closed are opened to nowhere.
+
+    Otherwise the next file that is opened would get the number of standard error, and be written what C libraries say.
+    """
+    for number in (0, 1, 2):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the lowest number that is free
+    if sys.stdout is None:
+        sys.stdout = open(1, "w", encoding="utf-8")  # noqa: SIM115
+    if sys.stderr is None:
+        sys.stderr = open(2, "w", encoding="utf-8")  # noqa: SIM115
+    errors = LastingStream(sys.stderr)
+    sys.stderr = cast("TextIO", errors)
+    sys.stdout = cast("TextIO", LastingStream(sys.stdout, errors))
+
+
+def unwritten() -> str:
+    """Why standard output could not be written; "" if it was, or its reader had seen enough."""
+    sys.stdout.flush()
+    error = getattr(sys.stdout, "error", None)
+    if error is None or isinstance(error, BrokenPipeError):
+        return ""
+    return str(getattr(error, "strerror", None) or error)
