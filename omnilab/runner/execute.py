@@ -50,7 +50,7 @@ def execute(
         run_folder = RunFolder(folder)
         run_folder.open(manifest, config_yaml, Path(run.logs) / "latest")
         recorder, cache, start = Recorder(run.sinks, folder), None, time.perf_counter()
-        outcome: dict[str, Any] = {"status": INTERRUPTED}
+        last_status: dict[str, Any] = {"status": INTERRUPTED}
         log.info("run of experiment '%s' starts: %s", experiment, " ".join(overrides))
         try:
             cache = _cache(run)
@@ -60,23 +60,23 @@ def execute(
                         report = _studied(run, registry, cache, recorder)
                     _write(report, run, registry, run_folder, recorder, show)
                     if not run_folder.missing:
-                        outcome = {"status": DONE}
+                        last_status = {"status": DONE}
             finally:
                 run_folder.write_costs(_costs(recorder, cache, time.perf_counter() - start))
             run_folder.check()
         except KeyboardInterrupt:
             raise
         except BaseException as error:
-            outcome = {"status": FAILED, "error": _said(error)}
-            log.error("the run failed: %s", _said(error), exc_info=not isinstance(error, OmnilabError))
+            last_status = {"status": FAILED, "error": _message(error)}
+            log.error("the run failed: %s", _message(error), exc_info=not isinstance(error, OmnilabError))
             if mistake := of_machine(error):
                 raise mistake from error
             if not isinstance(error, Exception):
                 raise ending(error, registry.title_of("study", run.study)) from error
             raise
         finally:
-            log.info("%s in %.1f s", outcome["status"], time.perf_counter() - start)
-            run_folder.end(**outcome, sinks_dropped=recorder.dropped)
+            log.info("%s in %.1f s", last_status["status"], time.perf_counter() - start)
+            run_folder.end(**last_status, sinks_dropped=recorder.dropped)
     return report
 
 
@@ -110,7 +110,7 @@ def _write(
         run_folder.write(report, recorder.warnings, others)
 
 
-def _said(error: BaseException) -> str:
+def _message(error: BaseException) -> str:
     """Kind and message of an error, also of one whose message cannot be made."""
     try:
         return f"{type(error).__name__}: {error}"

@@ -22,7 +22,7 @@ from typing import Any, Self
 
 from omnilab.errors import DataError
 from omnilab.runner.run_folder import process
-from omnilab.runner.run_folder.names import CONFIG, KILLED, MANIFEST, RUN_LOG, RUNNING, SILENT, STATUS
+from omnilab.runner.run_folder.names import CONFIG, KILLED, MANIFEST, RESERVED, RUN_LOG, RUNNING, SILENT, STATUS
 
 LOCK = "run.lock"
 RUN, REPAIR = "run", "repair"  # what a lock is held for
@@ -270,7 +270,7 @@ def check_unused(folder: Path) -> None:
 
     There may be what Hydra puts there, and what a run that was killed while it began left of itself.
     """
-    begun = {LOCK, CONFIG, MANIFEST} if (folder / LOCK).exists() else set[str]()
+    begun = {LOCK, CONFIG, MANIFEST, RESERVED} if (folder / LOCK).exists() else set[str]()
     for file in sorted(folder.iterdir()):
         of_hydra = file.name.startswith(".") or (file.suffix == ".log" and file.name != RUN_LOG) or file.is_dir()
         if not of_hydra and file.name not in begun and not (begun and file.suffix == ".part"):

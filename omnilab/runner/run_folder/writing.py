@@ -63,9 +63,9 @@ class RunFolder:
         try:
             write_text(self.folder / CONFIG, config_yaml)
             write_text(self.folder / MANIFEST, json.dumps(manifest, indent=2) + "\n")
-            self._log = RunLog(self.folder)
             self.status(RUNNING)  # makes it a run: the rest is there
             status_file.reserve(self.folder)
+            self._log = RunLog(self.folder)
             if latest is not None:
                 point_latest(latest, self.folder)
         except BaseException:
