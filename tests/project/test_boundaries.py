@@ -24,6 +24,7 @@ MAY_IMPORT = {
     "errors": set[str](),
     "file_kinds": set[str](),
     "atomic_files": set[str](),
+    "log_files": {"atomic_files", "errors"},
     "renamed": set[str](),
     "api": {"errors", "renamed"},
     "arrays": {"api"},

@@ -25,7 +25,7 @@ class McapLog:
             raise DataError(
                 f"{path} cannot be created ({error.strerror}); choose a new, writable run folder"
             ) from error
-        self._writer = Writer(self._file)
+        self._writer = Writer(self._file, enable_data_crcs=True)
         self._writer.start()
         self._writer.add_metadata("omnilab", {"run": path.parent.name} | versions())
         self._schemas: dict[str, int] = {}

@@ -1,89 +1,187 @@
-"""Repair of the MCAP log of a run that was killed."""
+"""Repair of an MCAP log that is torn or damaged."""
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import BinaryIO
 
-import zstandard
-from mcap.exceptions import McapError
-from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader, breakup_chunk
-from mcap.writer import MCAP0_MAGIC, Writer
+from google.protobuf.empty_pb2 import Empty  # type: ignore[import-untyped]
+from mcap.records import Attachment, Channel, Header, McapRecord, Message, MessageIndex, Metadata, Schema
+from mcap.writer import Writer
+from mcap_protobuf.schema import register_schema
 
 from omnilab.errors import DataError
-
-FOOTER_START = b"\x02" + struct.pack("<Q", 20)  # opcode and length
-FOOTER_BYTES = 9 + 20
-TORN = (McapError, struct.error, ValueError, OverflowError, MemoryError, zstandard.ZstdError)
-LARGEST_CHUNK_BYTES = 1 << 30
+from omnilab.log_files import is_there, replace_mended
+from omnilab_mcap.damage import Damage, DamagedLog
+from omnilab_mcap.summary import LogSummary
 
 
 def repair(path: Path) -> str | None:
-    """Rewrite a log that has no footer with all its whole chunks and an index; None if it is whole or absent."""
-    if not path.exists() or is_whole(path):
+    """Write a torn or damaged log anew with all its whole chunks and an index; None if it is whole or absent.
+
+    A damaged one is kept beside, a torn one is not: what follows its last whole record are parts of one, or zeros.
+    """
+    if not is_there(path):
         return None
-    mended = path.with_suffix(".mcap.part")
-    try:
-        with path.open("rb") as source, mended.open("wb") as target:
-            kept = copy(whole_records(source, path.stat().st_size), Writer(target))
-        mended.replace(path)
-    finally:
-        mended.unlink(missing_ok=True)
-    return f"{path.name} was torn: {kept} messages were kept and indexed again"
-
-
-def is_whole(path: Path) -> bool:
-    """Whether the log ends with a footer; DataError if the file does not start as an MCAP log does."""
     with path.open("rb") as file:
-        start = file.read(len(MCAP0_MAGIC))
-        if not MCAP0_MAGIC.startswith(start):
-            raise DataError(f"{path} is not an MCAP log (it starts with {start!r}); move it away")
-        file.seek(-min(path.stat().st_size, FOOTER_BYTES + len(MCAP0_MAGIC)), 2)
-        end = file.read()
-    return end.startswith(FOOTER_START) and end.endswith(MCAP0_MAGIC)
+        log = DamagedLog(file, path.stat().st_size)
+        found = Findings(log.summary)
+        for record in log:
+            found.add(record)
+        if not found.damages:
+            return None
+        if not found.records and not found.is_torn:
+            raise DataError(f"{path} is not an MCAP log (it starts with {_start(file)!r}); move it away")
+        nameless: list[str] = []
+        aside = replace_mended(path, lambda out: nameless.extend(copy(log, log.summary, out)), keep=not found.is_torn)
+    if aside is None:
+        return f"{path.name} was torn: {found.messages} messages were kept and indexed again"
+    lost_names = f" (the names of some channels are lost: {', '.join(nameless)})" if nameless else ""
+    return f"{path.name} was damaged: {found}{lost_names}; the damaged file is kept as {aside.name}"
 
 
-def whole_records(file: BinaryIO, size: int) -> Iterator[McapRecord]:
-    """All records up to the first that is torn, chunks taken apart."""
-    try:
-        for record in StreamReader(file, emit_chunks=True, record_size_limit=size).records:
-            if isinstance(record, Chunk):
-                yield from opened(record)
+def _start(file: BinaryIO) -> bytes:
+    file.seek(0)
+    return file.read(8)
+
+
+@dataclass
+class Findings:
+    """What is whole in a log, and what is not."""
+
+    summary: LogSummary | None
+    records: int = 0
+    messages: int = 0
+    damages: list[Damage] = field(default_factory=list)  # those that touch are one
+    _indexed: int = 0  # messages that were lost, as far as the message indexes behind their chunks tell
+    _around_ns: list[int | None] = field(default_factory=list)  # log times of the messages before and after each loss
+    _last_ns: int | None = None  # the log time of the last message
+    _in_loss: bool = False
+
+    def add(self, record: McapRecord | Damage) -> None:
+        """Take note of the next record."""
+        if isinstance(record, Damage):
+            self._add_damage(record)
+            return
+        self.records += 1
+        if isinstance(record, MessageIndex) and self._in_loss:
+            self._indexed += len(record.records)
+        elif isinstance(record, Message):
+            self.messages += 1
+            self._last_ns = record.log_time
+            if self._in_loss:
+                self._around_ns.append(record.log_time)
+                self._in_loss = False
+
+    def _add_damage(self, damage: Damage) -> None:
+        if self.damages and self.damages[-1].end == damage.start:
+            before = self.damages.pop()
+            damage = replace(
+                before, end=damage.end, torn=before.torn and damage.torn, messages=before.messages or damage.messages
+            )
+        self.damages.append(damage)
+        if damage.messages and not self._in_loss:
+            self._in_loss = True
+            self._around_ns.append(self._last_ns)
+
+    @property
+    def is_torn(self) -> bool:
+        """Whether the log is whole but for its end."""
+        return all(damage.torn for damage in self.damages)
+
+    def __str__(self) -> str:
+        first, more = self.damages[0], len(self.damages) - 1
+        places = f"{first.what} at bytes {first.start} to {first.end}"
+        if more:
+            places += f", and {more} other place" + "s" * (more > 1)
+        kept = f"{self.messages} messages were kept and indexed again"
+        return f"{places}; {kept}, {self._lost()}"
+
+    def _lost(self) -> str:
+        """How many messages were lost, and over which stretch of time."""
+        if not any(damage.messages for damage in self.damages):
+            return "none was lost"
+        if self.summary and self.summary.statistics:
+            count = max(self.summary.statistics.message_count - self.messages, 0)
+            many = f"{count} were lost" if count else "none was lost"
+        else:
+            count = self._indexed
+            many = f"at least {count} were lost" if count else "some may be lost"
+        if many == "none was lost":
+            return many
+        return f"{many}, logged {self._span()}"
+
+    def _span(self) -> str:
+        chunks = [
+            chunk
+            for offset, chunk in (self.summary.chunks if self.summary else {}).items()
+            if any(d.messages and offset < d.end and d.start < offset + chunk.chunk_length for d in self.damages)
+        ]
+        if chunks:
+            start, end = min(c.message_start_time for c in chunks), max(c.message_end_time for c in chunks)
+        else:
+            start, end = self._around_ns[0], None if self._in_loss else self._around_ns[-1]
+        since = "" if start is None else f"from {_clock(start)} "
+        return since + (f"to {_clock(end)}" if end is not None else "to its end")
+
+
+def _clock(time_ns: int) -> str:
+    """A log time as one reads it: 2026-11-29 12:00:01.123 UTC."""
+    return datetime.fromtimestamp(time_ns / 1e9, UTC).strftime("%Y-%m-%d %H:%M:%S.%f")[:-3] + " UTC"
+
+
+def copy(records: Iterable[McapRecord | Damage], summary: LogSummary | None, target: BinaryIO) -> list[str]:
+    """Write whole records into a new log with an index and all checksums.
+
+    Schemas and channels that were damaged are those that the summary repeats. If that is damaged too, the messages of
+    such a channel are kept under a topic such as `/unknown_channel_3`, as messages without known fields; these topics
+    are returned.
+    """
+    writer = Writer(target, enable_data_crcs=True)
+    schemas: dict[int, Schema] = dict(summary.schemas) if summary else {}
+    channels: dict[int, Channel] = dict(summary.channels) if summary else {}
+    new_schemas, new_channels, nameless, started = {0: 0}, dict[int, int](), list[str](), False
+
+    def channel_of(number: int) -> int:
+        if number not in new_channels:
+            if found := channels.get(number):
+                topic, encoding, schema, more = found.topic, found.message_encoding, schema_of(found), found.metadata
             else:
-                yield record
-    except TORN:
-        return
-
-
-def opened(chunk: Chunk) -> Iterator[McapRecord]:
-    """A chunk's records, checked against its checksum."""
-    if chunk.uncompressed_size > LARGEST_CHUNK_BYTES:
-        raise McapError(f"a chunk of {chunk.uncompressed_size} bytes")
-    if chunk.compression == "zstd" and zstandard.frame_content_size(chunk.data) != chunk.uncompressed_size:
-        raise McapError("a chunk that unpacks to another size than it says")
-    yield from breakup_chunk(chunk, validate_crc=True)
-
-
-def copy(records: Iterable[McapRecord], writer: Writer) -> int:
-    """Write records into a new log with an index; the number of messages."""
-    schemas, channels, messages = {0: 0}, dict[int, int](), 0
-    writer.start()
-    for record in records:
-        match record:
-            case Schema() if record.id not in schemas:
-                schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
-            case Channel() if record.id not in channels:
-                channels[record.id] = writer.register_channel(
-                    record.topic, record.message_encoding, schemas[record.schema_id], record.metadata
+                topic, encoding, schema, more = (
+                    f"/unknown_channel_{number}",
+                    "protobuf",
+                    register_schema(writer, Empty),
+                    {},
                 )
+                nameless.append(topic)
+            new_channels[number] = writer.register_channel(topic, encoding, schema, more)
+        return new_channels[number]
+
+    def schema_of(channel: Channel) -> int:
+        if channel.schema_id not in new_schemas:
+            schema = schemas.get(channel.schema_id) or Schema(channel.schema_id, b"", "", "lost")
+            new_schemas[channel.schema_id] = writer.register_schema(schema.name, schema.encoding, schema.data)
+        return new_schemas[channel.schema_id]
+
+    for record in records:
+        if not started:
+            writer.start(record.profile if isinstance(record, Header) else "")
+            started = True
+        match record:
+            case Schema():
+                schemas.setdefault(record.id, record)
+            case Channel():
+                channels.setdefault(record.id, record)
+                channel_of(record.id)
             case Metadata():
                 writer.add_metadata(record.name, record.metadata)
+            case Attachment():
+                writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
             case Message():
-                channel = channels[record.channel_id]
+                channel = channel_of(record.channel_id)
                 writer.add_message(channel, record.log_time, record.data, record.publish_time, record.sequence)
-                messages += 1
     writer.finish()
-    return messages
+    return nameless

@@ -1,0 +1,220 @@
+"""Reading an MCAP log of which no byte is trusted: the whole records before and after each damage.
+
+Chunks, attachments, the data section and the summary have checksums, of which 0 means that the writer computed none.
+What no checksum covers is held against the rest of the log: lengths, counts, offsets, message indexes.
+"""
+
+from __future__ import annotations
+
+import re
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import BinaryIO
+
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, DataEnd, Header, McapRecord, Message, MessageIndex, Metadata, Schema
+from mcap.writer import MCAP0_MAGIC
+
+from omnilab.errors import DataError
+from omnilab_mcap.chunks import HEAD, LARGEST_BYTES, Index, Unreadable, is_chunk, message, opened, parsed, times
+from omnilab_mcap.summary import read_summary
+
+MOST_READS = 8  # of each byte: damage makes some be read again, and a hostile log would make all be
+BLOCK_BYTES = 1 << 20
+IN_DATA = {
+    Opcode.HEADER: Header,
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.MESSAGE_INDEX: MessageIndex,
+    Opcode.ATTACHMENT: Attachment,
+    Opcode.METADATA: Metadata,
+    Opcode.DATA_END: DataEnd,
+}
+PRIVATE = range(0x80, 0x100)  # opcodes that the format leaves to others
+OPCODES = {*Opcode, *PRIVATE}
+STARTS = re.compile(rb"[\x03-\x06\x09\x0c\x0f](?=.{4}\0{4})", re.DOTALL)  # of records at which reading can begin again
+OUTSIDE_CHUNKS = {Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA, Opcode.DATA_END}  # those of a log with chunks
+
+
+@dataclass(frozen=True)
+class Damage:
+    """Bytes that are no whole record."""
+
+    start: int
+    end: int
+    what: str
+    torn: bool = False  # the log is whole up to here, where it ends
+    messages: bool = False  # there may have been some
+
+
+class DamagedLog:
+    """A log's records in the order of the file, chunks taken apart, and the damages between them.
+
+    The memory needed is that of a few records. DataError for a record larger than LARGEST_BYTES, and for a log of which
+    every byte would have to be read MOST_READS times.
+    """
+
+    def __init__(self, file: BinaryIO, size: int) -> None:
+        self._file, self._size, self._left = file, size, MOST_READS * size
+        self.summary = read_summary(file, size)
+        self._channels = set(self.summary.channels) if self.summary else set[int]()
+        self._chunked = bool(self.summary and self.summary.chunks)
+
+    def __iter__(self) -> Iterator[McapRecord | Damage]:
+        start = self._read(0, len(MCAP0_MAGIC))
+        if start != MCAP0_MAGIC:
+            yield Damage(0, len(start), "its first bytes", torn=MCAP0_MAGIC.startswith(start))
+        at, crc, sound = len(start), zlib.crc32(start), start == MCAP0_MAGIC
+        chunks, others, messages = dict[int, tuple[int, int]](), set[int](), 0
+        self._index: Index = {}  # what the message indexes behind the last chunk should hold
+        while at < self._size:
+            try:
+                opcode, end, raw = self._record(at)
+                records = self._parsed(opcode, raw, at)
+                if opcode == Opcode.MESSAGE_INDEX and sound and not agrees(records[0], self._index):
+                    raise Unreadable("the index of a chunk", messages=False)
+            except Unreadable as error:
+                after = self._after(at)
+                torn = after == self._size and (error.torn or self._is_zero(self._last_byte(at)))
+                messages = error.messages or after != self._last_byte(at) + 1
+                yield Damage(at, after, str(error), torn, messages)
+                at, sound = after, False
+                continue
+            crc_before, crc, at = crc, zlib.crc32(raw, crc), end
+            if opcode == Opcode.DATA_END:
+                if sound and records[0].data_section_crc not in {0, crc_before}:
+                    yield Damage(0, at, "something outside its chunks, which the checksum of the whole tells")
+                elif sound and self.summary and not self.summary.agrees(chunks, others, messages):
+                    yield Damage(at, self._size, "its index, which disagrees with its content")
+                elif self.summary is None or self.summary.start != at:
+                    yield Damage(at, self._size, "its index", torn=self._ends_early(at))
+                return
+            if opcode == Opcode.CHUNK:
+                chunks[end - len(raw)] = times(raw)
+            elif opcode in {Opcode.ATTACHMENT, Opcode.METADATA}:
+                others.add(end - len(raw))
+            for record in records:
+                messages += isinstance(record, Message)
+                if isinstance(record, Channel):
+                    self._channels.add(record.id)
+                yield record
+        if sound:  # a damage goes to the end
+            yield Damage(at, at, "its end", torn=True)
+
+    def _read(self, at: int, length: int) -> bytes:
+        self._left -= length
+        if self._left < -LARGEST_BYTES:
+            raise DataError(f"{self._file.name} is damaged in too many places to be mended; it is as it was")
+        self._file.seek(at)
+        return self._file.read(length)
+
+    def _extent(self, at: int) -> tuple[int, int]:
+        """Opcode and end of the record here, as far as its head can be believed."""
+        head = self._read(at, HEAD.size)
+        if len(head) < HEAD.size:
+            raise Unreadable("its end", torn=True)
+        opcode, length = HEAD.unpack(head)
+        if opcode not in OPCODES:
+            raise Unreadable(f"a record of the unknown kind {opcode}")
+        end = at + HEAD.size + length
+        if end > self._size:
+            known = opcode not in PRIVATE and length <= LARGEST_BYTES
+            raise Unreadable("a record that goes beyond the end", torn=known)
+        return opcode, end
+
+    def _follows(self, at: int, heads: int = 2) -> bool:
+        """Whether so many records of the format's own kinds can start here, one after the other, or the file ends."""
+        if at == self._size or heads == 0:
+            return True
+        try:
+            opcode, end = self._extent(at)
+        except Unreadable:
+            return False
+        return opcode not in PRIVATE and self._follows(end, heads - 1)
+
+    def _record(self, at: int) -> tuple[int, int, bytes]:
+        """Opcode, end and bytes of the record here."""
+        opcode, end = self._extent(at)
+        if end - at > LARGEST_BYTES:
+            if self._follows(end):
+                raise DataError(
+                    f"{self._file.name} has a record of {end - at} bytes, and up to {LARGEST_BYTES} are held in memory; it"
+                    " cannot be checked here and is as it was"
+                )
+            raise Unreadable("a record that is too large")
+        return opcode, end, self._read(at, end - at)
+
+    def _parsed(self, opcode: int, raw: bytes, at: int) -> list[McapRecord]:
+        """What a record of the data section holds; Unreadable if it is not whole."""
+        if opcode in PRIVATE:
+            if not self._follows(at + len(raw)):
+                raise Unreadable(f"a record of the unknown kind {opcode}")
+            return []
+        if opcode == Opcode.CHUNK:
+            self._chunked = True
+            records, self._index = opened(raw, self._file.name)
+            return records
+        if opcode == Opcode.MESSAGE:
+            return [message(raw)]
+        if opcode not in IN_DATA or (opcode == Opcode.HEADER) != (at == len(MCAP0_MAGIC)):
+            raise Unreadable("a record that does not belong there")
+        return [parsed(IN_DATA[Opcode(opcode)], raw)]
+
+    def _after(self, at: int) -> int:
+        """Where reading goes on after a record that cannot be read: behind it, or at the next that can be one."""
+        end = self._last_byte(at) + 1
+        # what looks like records within it is not proven by anything
+        return end if end > at + 1 and self._follows(end) else self._next(at + 1)
+
+    def _next(self, at: int) -> int:
+        """The first record from here on, or the end of the file."""
+        while at < self._size:
+            block = self._read(at, BLOCK_BYTES + HEAD.size)
+            for match in STARTS.finditer(block):
+                if self._begins(at + match.start()):
+                    return at + match.start()
+            at += BLOCK_BYTES
+        return self._size
+
+    def _begins(self, at: int) -> bool:
+        """Whether a whole record starts here, with next to no doubt."""
+        try:
+            opcode, end = self._extent(at)
+            if (self._chunked and opcode not in OUTSIDE_CHUNKS) or not self._follows(end):
+                return False
+            if opcode == Opcode.CHUNK:
+                return is_chunk(self._read(at, 64), end - at)
+            if end - at > LARGEST_BYTES:
+                return False
+            (record,) = self._parsed(opcode, self._read(at, end - at), at)
+        except (Unreadable, ValueError):
+            return False
+        return not isinstance(record, Message) or record.channel_id in self._channels
+
+    def _last_byte(self, at: int) -> int:
+        """Where the last byte of the record here lies, or its first if it does not tell its length."""
+        try:
+            return self._extent(at)[1] - 1
+        except Unreadable:
+            return at
+
+    def _is_zero(self, at: int) -> bool:
+        """Whether the rest of the file is."""
+        return all(not self._read(start, BLOCK_BYTES).strip(b"\0") for start in range(at, self._size, BLOCK_BYTES))
+
+    def _ends_early(self, at: int) -> bool:
+        """Whether the summary that starts here is whole as far as it goes, or zeros."""
+        opcode = None
+        while at < self._size and opcode != Opcode.FOOTER:
+            try:
+                opcode, at = self._extent(at)
+            except Unreadable as error:
+                return error.torn or self._is_zero(at)
+        rest = self._read(at, len(MCAP0_MAGIC) + 1)
+        return rest != MCAP0_MAGIC and (MCAP0_MAGIC.startswith(rest) or self._is_zero(at))
+
+
+def agrees(found: MessageIndex, index: Index) -> bool:
+    """Whether a message index tells where the messages of its channel are."""
+    return sorted(found.records) == sorted(index.get(found.channel_id, []))
