@@ -1,9 +1,13 @@
-"""What a file is by its first bytes, so that one given in the wrong place is named for what it is."""
+"""What a file is: regular and of bounded size, or never opened; and by its first bytes, so that one given in the wrong place
+is named for what it is."""
 
 from __future__ import annotations
 
+import io
+import os
 import re
 import stat
+import sys
 from pathlib import Path
 
 HEAD = 4096  # bytes that are looked at
@@ -46,6 +50,45 @@ POSE_GRAPH = "a pose graph (g2o or TORO)"
 GRAPH = re.compile(rb"\s*(?:#[^\n]*\n\s*)*(VERTEX|EDGE)")
 
 
+def opened(file: Path, largest: int) -> io.BufferedReader | io.BytesIO:
+    """A regular file of up to `largest` bytes, open; ValueError says what it is instead, OSError why it cannot be read.
+
+    Never waits for a pipe, and never opens a device. What says that it is empty is not read: files of /proc may not end.
+    """
+    if "\0" in str(file):
+        raise ValueError("its name holds the character NUL")
+    _check(file.stat(), largest)
+    stream = os.fdopen(os.open(file, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
+    found = os.fstat(stream.fileno())
+    try:
+        _check(found, largest)  # another may have taken its place
+    except ValueError:
+        stream.close()
+        raise
+    if found.st_size == 0:
+        stream.close()
+        return io.BytesIO()
+    return stream
+
+
+def content_of(file: Path, largest: int) -> bytes:
+    """The bytes of a regular file of up to `largest` of them; errors as of `opened`."""
+    with opened(file, largest) as stream:
+        data = stream.read(largest + 1)
+    if len(data) > largest:  # it grows
+        raise ValueError(f"it has more than {largest} bytes")
+    return data
+
+
+def _check(found: os.stat_result, largest: int) -> None:
+    if stat.S_ISDIR(found.st_mode):
+        raise ValueError("it is a folder")
+    if not stat.S_ISREG(found.st_mode):
+        raise ValueError("it is a pipe or a device, no file")
+    if found.st_size > largest:
+        raise ValueError(f"it has {found.st_size} bytes, more than {largest}")
+
+
 def kind_of_file(file: Path) -> str | None:
     """What a file is, as words that follow "is": "an MCAP log", "a folder". None: plain text, or nothing known.
 
@@ -56,7 +99,7 @@ def kind_of_file(file: Path) -> str | None:
         return "the folder of a ROS 2 bag" if (file / "metadata.yaml").is_file() else "a folder"
     if not stat.S_ISREG(mode):
         return "a pipe or a device, no file"
-    with file.open("rb") as stream:
+    with opened(file, sys.maxsize) as stream:
         head = stream.read(HEAD)
     return _kind_of(head)
 

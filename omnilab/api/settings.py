@@ -91,13 +91,17 @@ def setting(
     finite: bool = True,
     count: int | None = None,
     fewest: int = 0,
+    writes: bool = False,
 ) -> Any:
     """A field of a component, with the range of its numbers: `offsets: int = setting(173, at_least=4)`.
 
     The builder refuses what is out of it, before the component is made; `omnilab plugins NAME` shows it. Lists and
-    dictionaries may be given as they are. Without limits numbers are finite, whole ones below 2**31.
+    dictionaries may be given as they are. Without limits numbers are finite, whole ones below 2**31. `writes`: it names
+    a file or a folder that is written, which `omnilab repeat` puts into the new run's folder.
     """
-    metadata = {"range": Range(above, at_least, below, at_most, multiple_of, finite, count, fewest)}
+    metadata: dict[str, Any] = {"range": Range(above, at_least, below, at_most, multiple_of, finite, count, fewest)}
+    if writes:
+        metadata["writes"] = True
     if isinstance(default, list | dict):
         return field(default_factory=lambda: deepcopy(default), metadata=metadata)
     return field(default=default, metadata=metadata)

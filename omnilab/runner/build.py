@@ -17,6 +17,7 @@ from omnilab.api.settings import out_of_range
 from omnilab.errors import ConfigError, DataError
 from omnilab.runner.boundaries import check_declared
 from omnilab.runner.config import Run, Settings, components_of, literal, logs_folder, structured
+from omnilab.runner.input_files import file_digests, leaves, listed, unknown_inputs
 from omnilab.runner.map_file import about_map, map_file
 from omnilab.runner.overrides.compose_errors import not_inserted, sentence
 from omnilab.runner.overrides.setting_types import wanted
@@ -69,9 +70,9 @@ def _fill_from_map(config: DictConfig, registry: Registry) -> None:
         if slot not in about["components"] or slot not in about["config"]:
             raise DataError(f"{path} does not say with which {slot} it was made; make it anew: omnilab experiment=map")
     own = _component("descriptor", "descriptor", about["config"]["descriptor"], about, registry)
-    if config.descriptor is not None and (
-        OmegaConf.get_type(config.descriptor) is not OmegaConf.get_type(own) or config.descriptor != own
-    ):
+    if config.descriptor is None:
+        _refuse_unknown_inputs(path, "descriptor", own, about)
+    elif not _describes_alike(config.descriptor, own, about["files"]):
         raise ConfigError(
             f"{path} was described by {_brief(about, own)}, and the run's descriptor is another or set otherwise; leave"
             " descriptor=... out, or make a map with it"
@@ -81,9 +82,33 @@ def _fill_from_map(config: DictConfig, registry: Registry) -> None:
     if used.get("version") != here:
         log.warning("%s was described by version %s of %s, and %s is installed: distances may not mean the same",
                     path, used.get("version"), used.get("distribution"), here)  # fmt: skip
-    config.map, config.descriptor = literal(str(path)), own
+    config.map = literal(str(path))
+    if config.descriptor is None:
+        config.descriptor = own
     if config.distance is None:
         config.distance = _component("distance", "distance", about["config"]["distance"], about, registry)
+        _refuse_unknown_inputs(path, "distance", config.distance, about)
+
+
+def _refuse_unknown_inputs(path: Path, slot: str, component: DictConfig, about: Mapping[str, Any]) -> None:
+    """ConfigError if a map names a file of ours by which it was not made: it may be a stranger's."""
+    if unknown := unknown_inputs(slot, component, about["files"]):
+        name = about["components"][slot]["name"]
+        raise ConfigError(
+            f"{path} names {listed(unknown)}, which is not known to be what it was made with, so it is not opened; look at"
+            f" it and give it yourself: {slot}={name} {unknown[0]}"
+        )
+
+
+def _describes_alike(given: DictConfig, own: DictConfig, known: Mapping[str, str]) -> bool:
+    """Whether a descriptor is the one of a map: of the same settings, and of the same files wherever they lie."""
+    if OmegaConf.get_type(given) is not OmegaConf.get_type(own):
+        return False
+    here, settings = file_digests("descriptor", given), dict(leaves("descriptor", given))
+    return all(
+        here.get(name) == known[name] if name in known else settings.get(name) == value
+        for name, value in leaves("descriptor", own)
+    )
 
 
 def _brief(about: Mapping[str, Any], settings: DictConfig) -> str:
@@ -189,8 +214,18 @@ def _check_slot(path: str, kind: str, value: Any, registry: Registry) -> None:
     check_declared(kind, value, registry.title_of(kind, value))
 
 
-def again(saved: Mapping[str, Any], manifest: Mapping[str, Any], registry: Registry) -> Run:
-    """The run that a saved configuration and manifest describe, with the components that are installed now."""
+def again(
+    saved: Mapping[str, Any],
+    manifest: Mapping[str, Any],
+    registry: Registry,
+    folder: Path,
+    known: Mapping[str, str] | None,
+) -> Run:
+    """The run that a saved configuration and manifest describe, with the components that are installed now.
+
+    What these write goes below `folder`. DataError for files and folders that are not `known` by their digests, unless
+    that is None.
+    """
     _check_saved(saved, manifest)
     config = OmegaConf.structured(Run)
     for name in saved.keys() - KINDS.keys() - DICTS.keys():
@@ -202,8 +237,22 @@ def again(saved: Mapping[str, Any], manifest: Mapping[str, Any], registry: Regis
             ) from error
     for path, kind, settings in components_of(saved):
         if settings is not None:
-            OmegaConf.update(config, path, _component(path, kind, settings, manifest, registry))
+            component = _component(path, kind, settings, manifest, registry)
+            _write_below(folder, path, component)
+            OmegaConf.update(config, path, component)
+    if known is not None and (unknown := unknown_inputs("", config, known, [config.logs, str(saved.get("logs"))])):
+        raise DataError(
+            f"the run names {listed(unknown)}, of which its manifest holds no digest or another: changed since, or never"
+            " read; look at each, then add --trust to open them nevertheless"
+        )
     return build(config, registry)
+
+
+def _write_below(folder: Path, path: str, component: DictConfig) -> None:
+    """Have a component's files written into a run's folder, whatever a saved configuration says."""
+    for each in fields(cast("type[Any]", OmegaConf.get_type(component))):
+        if "writes" in each.metadata and not OmegaConf.is_missing(component, each.name) and component[each.name]:
+            component[each.name] = literal(str(folder / f"{path}.{each.name}"))
 
 
 def _check_saved(saved: Mapping[str, Any], manifest: Mapping[str, Any]) -> None:
@@ -227,7 +276,7 @@ def _component(
     used = manifest["components"][slot]
     component = registry.find(kind, used["name"])
     if component is None:
-        raise ConfigError(f"{registry.missing(kind, used['name'])}; the run had it from {used['distribution']}")
+        raise ConfigError(f"{registry.missing(kind, used['name'])}; the run had it from {used.get('distribution')}")
     cls = component.cls
     try:
         merged = OmegaConf.merge(OmegaConf.structured(cls), literal(settings))

@@ -230,9 +230,14 @@ def repeat(argv: list[str]) -> int:
     """Run a run's configuration and seed again, and say whether the metrics are the same (exit code 1 if not)."""
     parser = _run_parser("omnilab repeat", repeat.__doc__)
     parser.add_argument("--logs", default="logs", metavar="DIR", help="where the new run goes (default: logs)")
+    parser.add_argument(
+        "--trust",
+        action="store_true",
+        help="open files and folders that the run names though they are not those it read",
+    )
     options = parser.parse_args(argv)
     from omnilab.runner.build import again
-    from omnilab.runner.config import Settings
+    from omnilab.runner.config import Settings, logs_folder
     from omnilab.runner.execute import execute
 
     registry = discover_loudly()
@@ -246,9 +251,11 @@ def repeat(argv: list[str]) -> int:
     name = first.manifest["experiment"]
     if not re.fullmatch(r"[\w-]+(/[\w-]+)*", name):
         raise DataError(f"{first.folder / 'manifest.json'} names the experiment '{name}', which is no name; correct it")
-    where = {"logs": options.logs, "cache": first.config.get("cache") and Settings.cache}  # never as a file says
-    run = again(first.config | where, first.manifest, registry)
-    folder = Path(run.logs) / name / new_folder_name()
+    cache = first.config.get("cache") and Settings.cache
+    ours = {"logs": options.logs, "cache": cache, "cache_gb": Settings.cache_gb}  # never as a file says
+    folder = Path(logs_folder(options.logs)) / name / new_folder_name()
+    known = None if options.trust else _digests(first)
+    run = again(first.config | ours, first.manifest, registry, folder, known)
     execute(run, folder, registry, first.manifest["overrides"], name, lambda report: show_run(report, folder))
     second = load_run(folder).metrics
     different = [name for name in first.metrics if repr(first.metrics[name]) != repr(second.get(name))]
@@ -259,6 +266,12 @@ def repeat(argv: list[str]) -> int:
     more = f"; {', '.join(new)} were not measured then" if new else ""
     print_error(f"the metrics are the same as in {short(first.folder)}, bit for bit{more}")
     return 0
+
+
+def _digests(run: LoadedRun) -> dict[str, str]:
+    """The digests of what a run read, by setting."""
+    found = run.manifest.get("files")
+    return found if isinstance(found, dict) else {}
 
 
 def repair(argv: list[str]) -> int:

@@ -24,8 +24,10 @@ class Settings:
     threads: int = setting(
         1, at_least=1, at_most=256
     )  # of each matrix product: results are only the same bit for bit with the same number
-    logs: str = "logs"  # where run folders go
-    cache: str | None = "cache"  # folder of descriptions, within `logs` unless absolute; off: describe everything anew
+    logs: str = setting("logs", writes=True)  # where run folders go
+    cache: str | None = setting(
+        "cache", writes=True
+    )  # folder of descriptions, within `logs` unless absolute; off: describe everything anew
     cache_gb: float = setting(4.0, above=0, at_most=1e6)  # at most; then those go that were used longest ago
 
 

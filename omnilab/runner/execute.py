@@ -21,7 +21,7 @@ from omnilab.errors import OmnilabError, of_machine
 from omnilab.runner.boundaries import check_report, ending, guard
 from omnilab.runner.config import Run, named_components, resolved, resolved_yaml
 from omnilab.runner.console_sink import Console
-from omnilab.runner.fingerprint import file_digests
+from omnilab.runner.input_files import file_digests
 from omnilab.runner.interrupts import HeldSignals
 from omnilab.runner.map_file import FILE, load_places, save_map
 from omnilab.runner.recorder import Recorder
@@ -159,6 +159,7 @@ def _about(run: Run, registry: Registry) -> dict[str, Any]:
     return {
         "components": {slot: named[slot] for slot in slots if slot in named},
         "config": {slot: config[slot] for slot in slots if slot in named},
+        "files": file_digests("", {slot: getattr(run, slot) for slot in slots if slot in named}),
         "omnilab": version("omnilab"),
     }
 

@@ -7,13 +7,15 @@ import hashlib
 import platform
 import sys
 import sysconfig
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, fields, is_dataclass
+from collections.abc import Mapping
+from dataclasses import asdict
 from functools import cache
 from importlib.metadata import packages_distributions, version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+
+from omnilab.runner.input_files import file_digests, leaves, names_folder
 
 INSTALLED = {Path(sysconfig.get_path(name)).resolve() for name in ("purelib", "platlib")}
 
@@ -26,8 +28,7 @@ def fingerprint(component: Any) -> str | None:
     processor. It is not known for a setting that names a folder, nor for a class without a source file.
     """
     cls = type(component)
-    leaves = list(_leaves("", component))
-    if any(_names(value, Path.is_dir) for _, value in leaves):
+    if any(names_folder(value) for _, value in leaves("", component)):
         return None
     tops = {base.__module__.partition(".")[0] for base in cls.__mro__} - set(sys.stdlib_module_names)
     if any(_files(top) == [] for top in tops):
@@ -36,36 +37,6 @@ def fingerprint(component: Any) -> str | None:
     lines += [f"file {path} {digest}" for path, digest in file_digests("", component).items()]
     lines += [*_source(frozenset(tops)), f"python {platform.python_version()}", f"processor {_processor()}"]
     return "\n".join(lines)
-
-
-def file_digests(path: str, settings: Any) -> dict[str, str]:
-    """The SHA-256 of every file that a setting names, by the setting's path."""
-    found = {}
-    for name, value in _leaves(path, settings):
-        if _names(value, Path.is_file):
-            with Path(value).open("rb") as file:
-                found[name] = hashlib.file_digest(file, "sha256").hexdigest()
-    return found
-
-
-def _leaves(path: str, settings: Any) -> Iterator[tuple[str, Any]]:
-    """Every value in nested settings, with its path."""
-    if is_dataclass(settings):
-        settings = {f.name: getattr(settings, f.name) for f in fields(settings)}
-    if isinstance(settings, list):
-        settings = dict(enumerate(settings))
-    if isinstance(settings, Mapping):
-        for name, value in settings.items():
-            yield from _leaves(f"{path}.{name}".removeprefix("."), value)
-    else:
-        yield path, settings
-
-
-def _names(value: Any, what: Any) -> bool:
-    try:
-        return isinstance(value, str | Path) and str(value) != "" and bool(what(Path(value)))
-    except OSError:  # a text too long for a path
-        return False
 
 
 # ------------------------------------------------------------------------------------------------------ source code

@@ -69,6 +69,12 @@ def about_map(path: Path) -> dict[str, Any]:
     for part in ("components", "config"):
         if not isinstance(about.get(part), dict) or not all(isinstance(v, dict) for v in about[part].values()):
             raise _unusable(path, f"it names no {part}")
+    for slot, used in about["components"].items():
+        if not isinstance(used.get("name"), str):
+            raise _unusable(path, f"it does not say what its {slot} was")
+    files = about.setdefault("files", {})  # of a map of before
+    if not isinstance(files, dict) or not all(isinstance(digest, str) for digest in files.values()):
+        raise _unusable(path, "its files are no digests")
     return about
 
 

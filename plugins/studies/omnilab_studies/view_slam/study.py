@@ -43,7 +43,9 @@ class ViewSlam:
     every_m: float = setting(0.05, above=0)  # an image on a path so often
     every_rad: float = setting(0.05, above=0)  # and whenever the robot has rotated so far
     height_m: float | None = None  # of the viewpoint on a path of the world; null: the sensor's own
-    keep: str | None = None  # folder for the first filter's views: images, and the poses that they were mapped at
+    keep: str | None = setting(
+        None, writes=True
+    )  # folder for the first filter's views: images, and the poses that they were mapped at
     known_sigma_m: float = setting(
         0.05, at_least=1e-6, at_most=1e6
     )  # standard deviation of x and y of views from before

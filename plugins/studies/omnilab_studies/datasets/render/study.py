@@ -82,7 +82,7 @@ class Render:
     applied to the images. The files are described in docs/datasets.md; the sensor `folder` reads them.
     """
 
-    folder: str = "???"  # of the data set: new, or one begun with the same settings
+    folder: str = setting("???", writes=True)  # of the data set: new, or one begun with the same settings
     layout: Where = Where.grid  # or column, path, random, recorded
     step_m: float | None = setting(None, above=0)  # of the grid; null: 0.4
     every: int | None = setting(None, at_least=1)  # grid: each n-th row and column of a recording
