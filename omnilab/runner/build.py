@@ -218,13 +218,13 @@ def again(
     saved: Mapping[str, Any],
     manifest: Mapping[str, Any],
     registry: Registry,
-    folder: Path,
-    known: Mapping[str, str] | None,
+    folder: Path | None = None,
+    known: Mapping[str, str] | None = None,
 ) -> Run:
     """The run that a saved configuration and manifest describe, with the components that are installed now.
 
-    What these write goes below `folder`. DataError for files and folders that are not `known` by their digests, unless
-    that is None.
+    Where a `folder` is given, what they write goes below it, whatever their settings say. DataError for files and folders
+    that settings name and whose digests are not the `known` ones, where these are given.
     """
     _check_saved(saved, manifest)
     config = OmegaConf.structured(Run)
@@ -238,7 +238,8 @@ def again(
     for path, kind, settings in components_of(saved):
         if settings is not None:
             component = _component(path, kind, settings, manifest, registry)
-            _write_below(folder, path, component)
+            if folder is not None:
+                _write_below(folder, path, component)
             OmegaConf.update(config, path, component)
     if known is not None and (unknown := unknown_inputs("", config, known, [config.logs, str(saved.get("logs"))])):
         raise DataError(
