@@ -12,7 +12,7 @@ from omnilab.testing.common import SIDE, check_common, expect, smooth_images
 
 def check_altimeter(altimeter: Any) -> None:
     """Shapes, deterministic, one reference for many tests, batch equals one by one, defined on black, pickles."""
-    check_common("altimeter", altimeter)
+    altimeter = check_common("altimeter", altimeter)
     images, camera = smooth_images("mirror", color=False), HyperbolicMirror(SIDE)
     first = altimeter.relative(images[:1], images, camera)
     for name in ("value", "confidence", "rotation_rad"):

@@ -21,7 +21,7 @@ def check_backend(backend: Any) -> None:
     Covariances are symmetric and positive; the graph that was given is left alone; one in two parts is refused. One that
     takes poses as they come ends where the others do.
     """
-    check_common("backend", backend)
+    backend = check_common("backend", backend)
     for graph, truth in (_ring(planar=True), _ring(planar=False)):
         before = graph.poses.copy()
         found = backend.optimize(graph, covariances=True)

@@ -13,7 +13,7 @@ from omnilab.testing.common import check_common, expect, is_same, smooth_images
 
 def check_descriptor(descriptor: Any) -> None:
     """Shape, type, finite, deterministic, batch equals one by one, rotation as declared, defined on black, pickles."""
-    check_common("descriptor", descriptor)
+    descriptor = check_common("descriptor", descriptor)
     images = smooth_images(descriptor.view, descriptor.color)
     if is_trainable := isinstance(descriptor, api.Trainable):
         trainable, descriptor = descriptor, descriptor.fit(images)

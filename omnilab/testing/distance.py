@@ -16,7 +16,7 @@ def check_distance(distance: Any, signatures: Signatures | None = None, equivari
     `signatures` are places that the distance is made for, where it is not for any; not `equivariant` if a rotation of the
     camera does not shift their last axis.
     """
-    check_common("distance", distance)
+    distance = check_common("distance", distance)
     places = signatures or Signatures(smooth_noise(np.random.default_rng(5), (12, 24, 36)).astype(np.float32))
     index = distance.prepare(places)
     match = distance.match(places, index)

@@ -15,13 +15,9 @@ def check_disturbance(disturbance: Any, harmless: Any, color: bool = False) -> N
 
     `harmless` is the same component, set so that it must change nothing.
     """
-    check_common("disturbance", disturbance)
+    disturbance = check_common("disturbance", disturbance)
     images, camera = smooth_images("mirror", color), HyperbolicMirror(SIDE)
-    before = images.copy()
     first = disturbance.apply(images, camera, generators())
-    expect(np.array_equal(images, before), "the images that were given are changed")
-    expect(first.shape == images.shape, f"images of shape {images.shape} come back as {first.shape}")
-    expect(first.dtype == np.uint8, f"images come back as {first.dtype}, uint8 is expected")
     again = disturbance.apply(images, camera, generators())
     expect(np.array_equal(first, again), "the same seeds give other images the second time")
     single = [disturbance.apply(images[i : i + 1], camera, [rng]) for i, rng in enumerate(generators())]

@@ -25,7 +25,7 @@ class _PositionDistance:
 
 def check_localizer(localizer: Any) -> None:
     """Shapes, deterministic, a place is found where it is, batch equals one by one."""
-    check_common("localizer", localizer)
+    localizer = check_common("localizer", localizer)
     x, y = np.meshgrid(np.arange(5.0), np.arange(4.0))
     position_m = np.stack([x.ravel(), y.ravel(), np.ones(20)], axis=1)
     signatures = Signatures(position_m.astype(np.float32))

@@ -12,7 +12,7 @@ from omnilab.testing.common import check_common, expect
 
 def check_loop_closure(closure: Any, frames: api.Frames) -> None:
     """Nodes are earlier ones, shapes agree, covariances are positive, two databases know nothing of each other; pickles."""
-    check_common("loop_closure", closure)
+    closure = check_common("loop_closure", closure)
     found = []
     for database in (closure.begin(), closure.begin()):
         rng = np.random.default_rng(1)

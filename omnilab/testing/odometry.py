@@ -16,7 +16,7 @@ def check_odometry(odometry: Any, frames: api.Frames) -> None:
 
     Deterministic by seed; covariances are positive definite; pickles.
     """
-    check_common("odometry", odometry)
+    odometry = check_common("odometry", odometry)
     extracted = odometry.extract(frames)
     expect(len(extracted) == len(frames) >= 3, f"{len(frames)} images are extracted as {len(extracted)}")
     expect(not any(isinstance(one, api.Unusable) for one in extracted), "good images are unusable")

@@ -12,7 +12,7 @@ from omnilab.testing.common import check_common, expect
 
 def check_sensor(sensor: Any, layout: PoseRequest) -> None:
     """A plan as long as its frames, in its order; shapes; deterministic; a part of a plan gives the same images."""
-    check_common("sensor", sensor)
+    sensor = check_common("sensor", sensor)
     plan = sensor.plan(layout)
     expect(len(plan) > 0, "the layout has no frames, so nothing can be checked")
     expect(plan.T_world_camera is None or plan.T_world_camera.shape == (len(plan), 4, 4), "poses are not (N, 4, 4)")

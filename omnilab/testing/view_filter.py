@@ -17,7 +17,7 @@ def check_view_filter(view_filter: Any) -> None:
 
     Covariances stay symmetric and positive; views are numbered as they come. Known views locate the robot.
     """
-    check_common("view_filter", view_filter)
+    view_filter = check_common("view_filter", view_filter)
     angle = np.linspace(0, 2 * np.pi, 25)
     truth = np.column_stack([2 * np.cos(angle), 2 * np.sin(angle), wrap_angle(angle + np.pi / 2)])
     small = np.diag([1e-4, 1e-4, 1e-4])

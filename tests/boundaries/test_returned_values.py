@@ -27,7 +27,7 @@ from omnilab.geometry import planar_poses
 from omnilab.runner.boundaries import check_declared, check_report, guard
 
 TITLE = "the component"
-CAMERA = ImageCircle(16, 16, Circle(7.5, 7.5, 8))
+CAMERA = ImageCircle(8, 8, Circle(3.5, 3.5, 4))
 IMAGES = np.zeros((5, 8, 8), np.uint8)
 QUERIES = Signatures(np.arange(12, dtype=np.float32).reshape(3, 4))
 PLACES = Places(
@@ -271,7 +271,7 @@ def test_heights(answer, expected):
 def test_no_estimate_of_a_height_is_no_mistake():
     unknown = np.full(5, np.nan)
     answer = heights(value=unknown, confidence=unknown, rotation_rad=unknown)
-    assert says("altimeter", answer).relative(IMAGES, IMAGES, CAMERA) is answer
+    assert np.isnan(says("altimeter", answer).relative(IMAGES, IMAGES, CAMERA).value).all()
 
 
 # ------------------------------------------------------------------------------------------------------------- sensors
@@ -318,7 +318,7 @@ def test_poses_are_rigid_motions(T, expected):
         (None, "plan returns None, not Plan"),
         (Plan(list("abcd"), POSES), "`T_world_camera` of shape (5, 4, 4), not (4, 4, 4)"),
         (Plan("abcde", POSES), "`keys` as str, not as a sequence of texts"),
-        (Plan([1, 2, 3, 4, 5], POSES), "`keys` as list, not as a sequence of texts"),
+        (Plan([1, 2, 3, 4, 5], POSES), "`keys` of which number 0 is int, not a text"),
     ],
 )
 def test_plans(answer, expected):
@@ -336,11 +336,11 @@ def test_plans(answer, expected):
         ([frames(plan_index=np.arange(5) + 1)], "`plan_index` 5, which is no index of the plan's frames (from 0 to 4)"),
         ([frames(plan_index=np.arange(5.0))], "`plan_index` of type float64, not whole"),
         ([frames(stamps_ns=np.arange(4))], "`stamps_ns` of shape (4,), not (5,)"),
-        ([frames(stamps_ns=np.arange(5) / 3)], "`stamps_ns` of type float64, not whole"),
+        ([frames(stamps_ns=np.arange(5) / 3)], "`stamps_ns` of type float64, not int64"),
         ([frames(camera=None)], "`camera` as None, not as a Camera"),
         ([frames(depth_m=np.zeros((5, 4, 4), np.float32))], "`depth_m` of shape (5, 4, 4), not (5, 8, 8)"),
         ([frames().at(0)], "1 of 5 planned frames, and says of 0 why they are missing"),
-        ([frames(), frames()], "10 frames for a plan of 5"),
+        ([frames(), frames()], "`plan_index` 0 after 4; frames come in the plan's order, each once"),
     ],
 )
 def test_frames(batches, expected):

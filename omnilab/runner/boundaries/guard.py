@@ -1,5 +1,7 @@
 """Guards components: what they return is checked on its way out, and what they raise names them.
 
+What they are given is read-only, for others have it, too; what they return is the caller's own.
+
 The components stay plain dataclasses: a guarded one is a copy, of a class derived from its own. What a component calls
 of itself passes no boundary, and is not checked.
 """
@@ -7,18 +9,25 @@ of itself passes no boundary, and is not checked.
 from __future__ import annotations
 
 import copy
+import re
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache, wraps
+from inspect import signature
 from typing import Any
 
 from omnilab.api import KINDS
 from omnilab.errors import OmnilabError, PluginError
-from omnilab.runner.boundaries import returns
-from omnilab.runner.boundaries.returns import BEGUN, CHECKS, PROTOCOLS, Check, Prepared
+from omnilab.runner.boundaries.images import Memory, Prepared, all_frames, in_order
+from omnilab.runner.boundaries.passing import holds_arrays, read_only, unshared
+from omnilab.runner.boundaries.returns import BEGUN, CHECKS, PROTOCOLS, Check
 from omnilab.runner.boundaries.values import ITEMS, Wrong, named
 
+HANDED_BACK: dict[str, set[int | str]] = {  # arguments that a component made itself: by number, or by name
+    "match": {1, "index"}, "locate": {1, "index"}, "track": {1, "index"}, "estimate": {0, 1, "before", "now"}
+}  # fmt: skip
+OPAQUE = {"fit", "restore"}  # what these return is no data
 SEEN = "_passed_the_boundary"  # an attribute of guarded components: what is to be remembered of earlier results
 END = object()
 
@@ -53,6 +62,15 @@ def ending(error: BaseException, title: str) -> PluginError:
     """The sentence about a component that raised what is no Exception, such as SystemExit."""
     cause = " ".join(f"{type(error).__name__}: {error}".split())
     return PluginError(f"{title} tried to end the process ({cause}); raise an Exception there, such as a DataError")
+
+
+def _inputs(plain: Callable[..., Any], values: Sequence[Any], more: dict[str, Any]) -> str:
+    """The inputs of a method that hold arrays, by name."""
+    if plain is next:  # of a sensor's batches
+        return "its input `plan`"
+    names = list(signature(plain).parameters)
+    held = [name for name, value in [*zip(names[1:], values, strict=False), *more.items()] if holds_arrays(value)]
+    return f"its input {' or '.join(f'`{name}`' for name in held)}" if held else "one of its inputs"
 
 
 def _several(item: str) -> str:
@@ -107,12 +125,14 @@ class _Boundary:
 
         @wraps(plain)
         def method(own: Any, *values: Any, **more: Any) -> Any:
-            found, passes = self._call(plain, name, own, values, more)
+            fresh, passes = self._call(plain, name, own, values, more)
+            found = unshared(fresh) if passes and name not in OPAQUE else fresh.pop()
             if passes:
                 with self._sentences(name, check.item):
                     check.check(found, *values, **more)
-                    self._remember(own, name, found, values)
-            if name in {"fit", "restore"} and passes:
+                    if check.beside is not None:
+                        check.beside(_memory(own), found, *values, **more)
+            if name in OPAQUE and passes:
                 return _in_place(found, "descriptor", self.title)
             return found
 
@@ -123,21 +143,22 @@ class _Boundary:
 
         @wraps(plain)
         def frames(own: Any, plan: Any) -> Iterator[Any]:
-            found, passes = self._call(plain, name, own, (plan,), {})
+            (found,), passes = self._call(plain, name, own, (plan,), {})
             if not passes:
                 yield from found
                 return
             with self._sentences(name, check.item):
                 if not hasattr(found, "__iter__"):
                     raise Wrong(f"{named(found)}, not batches of frames")
-            batches, delivered, left_out = iter(found), 0, 0
-            while (batch := self._call(next, name, batches, (END,), {}, own)[0]) is not END:
+            batches, delivered, left_out, last = iter(found), 0, 0, -1
+            while (batch := unshared(self._call(next, name, batches, (END,), {}, own)[0])) is not END:
                 with self._sentences(name, check.item):
                     check.check(batch, plan)
+                    last = in_order(batch, last)
                 delivered, left_out = delivered + len(batch), left_out + len(batch.omitted)
                 yield batch
             with self._sentences(name, check.item):
-                returns.all_frames(delivered, left_out, plan)
+                all_frames(delivered, left_out, plan)
 
         return frames
 
@@ -146,7 +167,7 @@ class _Boundary:
 
         @wraps(plain)
         def prepare(own: Any, places: Any, *others: Any) -> Any:
-            found, passes = self._call(plain, "prepare", own, (places, *others), {})
+            (found,), passes = self._call(plain, "prepare", own, (places, *others), {})
             return Prepared(found, len(places)) if passes else found
 
         return prepare
@@ -157,36 +178,49 @@ class _Boundary:
 
         @wraps(plain)
         def begin(own: Any, *values: Any) -> Any:
-            found, passes = self._call(plain, "begin", own, values, {})
+            (found,), passes = self._call(plain, "begin", own, values, {})
             if not passes:
                 return found
             with self._sentences("begin"):
                 lacking = [name for name in CHECKS[kind] if not callable(getattr(found, name, None))]
                 if lacking:
                     raise Wrong(f"{named(found)}, which has no {' and no '.join(lacking)}")
-            return _in_place(found, kind, self.title)
+            made = _in_place(found, kind, self.title)
+            if values:  # the first pose
+                _memory(made)["width"] = len(values[0])
+            return made
 
         return begin
 
     def _call(
         self, plain: Callable[..., Any], name: str, own: Any, values: Sequence[Any], more: dict[str, Any],
         whose: Any = None,
-    ) -> tuple[Any, bool]:  # fmt: skip
-        """What a method returns, and whether that passes the boundary; what it raises names the component.
+    ) -> tuple[list[Any], bool]:  # fmt: skip
+        """What a method returns, held by a list alone, and whether it passes the boundary; what it raises names the component.
 
         `whose`: the component, where it is not the first argument.
         """
         identity = id(own if whose is None else whose)
-        values = [value.own if isinstance(value, Prepared) else value for value in values]
-        more = {key: value.own if isinstance(value, Prepared) else value for key, value in more.items()}
-        if identity in _inside.ids:
-            return plain(own, *values, **more), False
+        passes, made = identity not in _inside.ids, HANDED_BACK.get(name, set())
+
+        def given(where: int | str, value: Any) -> Any:
+            if isinstance(value, Prepared):
+                return value.own
+            return read_only(value) if passes and where not in made else value
+
+        values = [given(i, value) for i, value in enumerate(values)]
+        more = {key: given(key, value) for key, value in more.items()}
+        if not passes:
+            return [plain(own, *values, **more)], False
         _inside.ids.add(identity)
         try:
-            return plain(own, *values, **more), True
+            return [plain(own, *values, **more)], True
         except (OmnilabError, KeyboardInterrupt, GeneratorExit):
             raise
         except Exception as error:
+            if not isinstance(error, OSError) and re.search("(?i)read-?only", str(error)):
+                raise PluginError(f"{self.title}: {name} writes into {_inputs(plain, values, more)}, which others have,"
+                                  " too; copy it first") from error  # fmt: skip
             error.add_note(f"raised by {self.title}, in {name}")
             raise
         except BaseException as error:  # SystemExit, or a panic of a library: neither may end the process
@@ -211,22 +245,12 @@ class _Boundary:
         first = next((kind for kind, begun in BEGUN.items() if begun == self.kind), self.kind)
         return f"see {protocol.__name__} in omnilab.api, and try omnilab.testing.check_{first} on it"
 
-    def _remember(self, own: Any, name: str, found: Any, values: Sequence[Any]) -> None:
-        """Checks of a result against earlier ones of the same component."""
-        if name not in {"describe", "query"}:
-            return
-        seen = getattr(own, SEEN, None)
-        if seen is None:
-            seen = {}
-            with suppress(AttributeError):  # of a class with slots
-                object.__setattr__(own, SEEN, seen)
-        if name == "describe":
-            shapes = returns.row_shapes(found)
-            before = seen.setdefault(values[0].shape[1:], shapes)
-            if shapes != before:
-                raise Wrong(
-                    f"signatures of shape {shapes[0]} an image, and {before[0]} of images of the same size before"
-                )
-        else:
-            returns.closed_nodes(found, seen.get("images", 0))
-            seen["images"] = seen.get("images", 0) + 1
+
+def _memory(component: Any) -> Memory:
+    """What is remembered of earlier results of a component."""
+    seen: Memory | None = getattr(component, SEEN, None)
+    if seen is None:
+        seen = {}
+        with suppress(AttributeError):  # of a class with slots
+            object.__setattr__(component, SEEN, seen)
+    return seen

@@ -8,7 +8,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-KINDS = {"float": "f", "whole": "iu", "bool": "b", "uint8": "u", "number": "fiu"}  # kinds of NumPy's types
+KINDS = {  # kinds of NumPy's types
+    "float": "f", "float32": "f", "float64": "f", "whole": "iu", "int64": "i", "bool": "b", "uint8": "u", "number": "fiu"
+}  # fmt: skip
+EXACTLY = {"float32", "float64", "int64", "uint8"}
+LARGEST = 8  # bytes of a number: no library takes longer ones
+PLAIN = (np.ndarray, np.memmap)  # no masked arrays and no matrices
 ITEMS = "items"  # what `Wrong` calls images, queries, ...; who catches it knows which
 RIGID = 1e-3  # how far R R^T may be from the identity
 Shape = tuple[Any, ...]  # of numbers, or None for any number; ends in ... where more axes may follow
@@ -31,24 +36,36 @@ def typed(value: Any, expected: type[Any]) -> None:
 def named(value: Any) -> str:
     """A value's type, and of an array what there is to know."""
     if isinstance(value, np.ndarray):
-        return f"an array of {value.dtype} {value.shape}"
+        kind = "an array" if type(value) in PLAIN else type(value).__name__
+        return f"{kind} of {value.dtype} {value.shape}"
     return "None" if value is None else type(value).__name__
 
 
 def array(
     value: Any, name: str, shape: Shape, kind: str = "float", nan: bool = False, inf: bool = False
 ) -> npt.NDArray[Any]:
-    """A value as an array; Wrong unless it has that shape, that kind of numbers, and no NaN or infinity but if allowed."""
-    found = np.asarray(value) if isinstance(value, list | tuple) else value
-    if not isinstance(found, np.ndarray):
-        raise Wrong(f"{name} as {named(value)}, not as an array {shown(shape)}")
-    if found.dtype.kind not in KINDS[kind] or (kind == "uint8" and found.dtype != np.uint8):
+    """An array as it is; Wrong unless it has that shape, that kind of numbers, and no NaN or infinity but if allowed."""
+    if type(value) not in PLAIN:
+        raise Wrong(f"{name} as {named(value)}, not as {_plain_array(value)} {shown(shape)}")
+    found: npt.NDArray[Any] = value
+    if (
+        found.dtype.kind not in KINDS[kind]
+        or found.dtype.itemsize > LARGEST
+        or (kind in EXACTLY and found.dtype != kind)
+    ):
         raise Wrong(f"{name} of type {found.dtype}, not {kind}")
+    if not found.dtype.isnative:
+        raise Wrong(f"{name} of type {found.dtype.str}, not in this machine's byte order")
     if not _fits(found.shape, shape):
         raise Wrong(f"{name} of shape {found.shape}, not {shown(shape)}")
     if found.dtype.kind == "f" and not (nan and inf):
         _finite(found, name, nan, inf)
     return found
+
+
+def _plain_array(value: Any) -> str:
+    """An array may hide some of its numbers, or multiply as a matrix."""
+    return "a plain array" if isinstance(value, np.ndarray) else "an array"
 
 
 def _fits(shape: tuple[int, ...], expected: Shape) -> bool:
@@ -86,9 +103,11 @@ def within(values: npt.NDArray[Any], name: str, count: int | None, of: str) -> N
 
 def poses(value: Any, name: str, count: int) -> None:
     """Wrong unless there are so many poses (count, 4, 4), all rigid motions."""
-    T = array(value, name, (count, 4, 4), "number")
+    T = array(value, name, (count, 4, 4))
+    if not count:
+        return
     R = T[:, :3, :3]
-    off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0) > RIGID
+    off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) > RIGID
     off |= np.linalg.det(R) < 0
     off |= (np.abs(T[:, 3] - [0, 0, 0, 1]) > RIGID).any(axis=1)
     if off.any():
@@ -106,25 +125,36 @@ def covariances(value: Any, name: str, count: int, size: int, definite: bool = F
     `definite`: none of which is singular, so that they can be inverted.
     """
     C = array(value, name, (count, size, size))
-    if not len(C):
+    if not count:
         return
     scale = np.maximum(np.abs(C).max(axis=(1, 2)), 1e-300)
-    skew = np.abs(C - C.transpose(0, 2, 1)).max(axis=(1, 2)) / scale > RIGID
-    off = skew | (np.diagonal(C, axis1=1, axis2=2) < 0).any(axis=1)
-    if definite:
-        off |= np.linalg.eigvalsh(C)[:, 0] <= 0
+    unit = C / scale[:, None, None]
+    off = np.abs(unit - unit.transpose(0, 2, 1)).max(axis=(1, 2)) > RIGID
+    least = np.linalg.eigvalsh(unit)[:, 0]
+    off |= least <= 0 if definite else least < -RIGID
+    off |= (np.diagonal(C, axis1=1, axis2=2) < 0).any(axis=1)
     if off.any():
         first = int(np.flatnonzero(off)[0])
-        wanted = "symmetric and positive definite" if definite else "symmetric, with variances from 0"
-        raise Wrong(f"{name} that are no covariances, the first is number {first}; they are {wanted}", first)
+        wanted = "symmetric and positive definite" if definite else "symmetric, and no variance of theirs is negative"
+        which = f" (the first is number {first})" if count > 1 else ""
+        raise Wrong(f"{name} that are no covariances{which}; each is {wanted}", first)
 
 
-def number(value: Any, name: str, nan: bool = False) -> None:
-    """Wrong unless a value is one finite number; `nan`: or NaN."""
+def covariance(value: Any, name: str, size: int, definite: bool = False) -> None:
+    """Wrong unless a value is one covariance (size, size)."""
+    covariances(array(value, name, (size, size))[None], name, 1, size, definite)
+
+
+def number(value: Any, name: str, nan: bool = False, inf: bool = False) -> None:
+    """Wrong unless a value is one finite number; `nan`, `inf`: or NaN, or infinite."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise Wrong(f"{name} as {named(value)}, not as a number")
-    if not (np.isfinite(value) or (nan and np.isnan(value))):
-        raise Wrong(f"{name} {value}, not a finite number")
+    try:
+        found = float(value)
+    except OverflowError:
+        raise Wrong(f"{name} as a whole number that no float holds") from None
+    if not (np.isfinite(found) or (nan and np.isnan(found)) or (inf and np.isinf(found))):
+        raise Wrong(f"{name} {found}, not a finite number")
 
 
 def whole(value: Any, name: str) -> None:
@@ -137,5 +167,49 @@ def whole(value: Any, name: str) -> None:
 
 def sentences(value: Any, name: str) -> None:
     """Wrong unless a value is a sequence of texts."""
-    if isinstance(value, str) or not isinstance(value, Sequence) or not all(isinstance(text, str) for text in value):
+    if isinstance(value, str) or not isinstance(value, Sequence):
         raise Wrong(f"{name} as {named(value)}, not as a sequence of texts")
+    for i, text in enumerate(value):
+        if not isinstance(text, str):
+            raise Wrong(f"{name} of which number {i} is {named(text)}, not a text", i)
+
+
+def unit(value: Any) -> None:
+    """Wrong unless a value says in what lengths are."""
+    text(value, "`unit`")
+    if not value.strip():
+        raise Wrong("no `unit`; say 'm', or what it counts")
+
+
+def flag(value: Any, name: str) -> None:
+    """Wrong unless a value is True or False."""
+    if not isinstance(value, bool):
+        raise Wrong(f"{name} as {named(value)}, not as True or False")
+
+
+def between(values: npt.NDArray[Any], name: str, low: float, high: float) -> None:
+    """Wrong where numbers leave an interval; NaN does not."""
+    off = (values < low) | (values > high)
+    if off.any():
+        first = int(np.argwhere(off)[0][0])
+        raise Wrong(f"{name} outside of [{low:g}, {high:g}], the first is number {first}", first)
+
+
+def unit_vectors(values: npt.NDArray[Any], name: str, what: str = "is no unit vector") -> None:
+    """Wrong unless vectors (N, 3) or quaternions (N, 4) have the length 1."""
+    off = np.abs(np.linalg.norm(values, axis=1) - 1) > RIGID
+    if off.any():
+        first = int(np.flatnonzero(off)[0])
+        raise Wrong(f"{name} of which number {first} {what}: {values[first]}", first)
+
+
+def text(value: Any, name: str, lines: bool = False) -> None:
+    """Wrong unless a value is a text that can be written; `lines`: of several lines."""
+    if not isinstance(value, str):
+        raise Wrong(f"{name} as {named(value)}, not as a text")
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        raise Wrong(f"{name} {value!a:.80}, which holds half a character") from None
+    if "\0" in value or not (lines or value.isprintable()):
+        raise Wrong(f"{name} {value!a:.80}, which holds characters that nobody sees")

@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter
 
 from omnilab.api import Circle
 from omnilab.cameras import HyperbolicMirror, ImageCircle
-from omnilab.errors import ConfigError, DataError
+from omnilab.errors import ConfigError, DataError, PluginError
 from omnilab.testing import check_disturbance
 from omnilab_appearance import Blur, ColorShift, GaussianNoise, Light, ListingNoise, Occlusion, Tilt, UniformNoise
 
@@ -68,14 +68,14 @@ class Broken:
 def test_the_check_finds_what_is_broken():
     check_disturbance(Broken(), Broken())
     words_of = {
-        "input": "given are changed",
+        "input": "writes into its input `images`",
         "dtype": "float64",
-        "shape": "come back",
+        "shape": "images of shape",
         "batch": "one by one",
         "seed": "second",
     }
     for promise, words in words_of.items():
-        with pytest.raises(AssertionError, match=words):
+        with pytest.raises((AssertionError, PluginError), match=words):
             check_disturbance(Broken(promise), Broken())
     with pytest.raises(AssertionError, match="changes nothing"):
         check_disturbance(Broken(), Light(0.5))

@@ -79,9 +79,15 @@ class VirtualCamera(ABC):
         for start in range(0, len(plan), self.batch):
             index = np.arange(start, min(start + self.batch, len(plan)))
             T_world_camera = plan.T_world_camera[index]
-            images = render(world, camera, T_world_camera, self.samples, self.color)
-            depth = depth_of(world, camera, T_world_camera) if self.depth else None
-            yield Frames(images, plan.at(index).keys, FRAME_NS * index, camera, index, T_world_camera, depth_m=depth)
+            yield Frames(  # which alone holds the images: what others hold would be copied
+                render(world, camera, T_world_camera, self.samples, self.color),
+                plan.at(index).keys,
+                FRAME_NS * index,
+                camera,
+                index,
+                T_world_camera,
+                depth_m=depth_of(world, camera, T_world_camera) if self.depth else None,
+            )
 
     def scene(self) -> Mesh:
         """The world's quads in coarse colours, open from above."""
