@@ -11,6 +11,7 @@ import fcntl
 import json
 import logging
 import os
+import shlex
 import stat
 import threading
 import time
@@ -98,6 +99,19 @@ class LockState:
     purpose: str
     words: str
 
+    def sentence(self, folder: Path) -> str:
+        """Why a folder is left alone."""
+        doing = "being repaired" if self.purpose == REPAIR else "running"
+        if self.state == RUNNING:
+            return f"{folder} is still {doing} {self.words}"
+        return f"{folder} may still be {doing}, which cannot be told from here {self.words}"
+
+    def refusal(self, folder: Path) -> DataError:
+        """Of a repair, with what to do."""
+        wait = "wait for it, or end it first"
+        look = f"look there, and if it has ended: omnilab repair --ended {shlex.quote(str(folder))}"
+        return DataError(f"{self.sentence(folder)}; {wait if self.state == RUNNING else look}")
+
 
 def lock_state(folder: Path) -> LockState | None:
     """What the lock of a run folder says; None if there is none. Writes nothing, waits for nothing."""
@@ -106,7 +120,7 @@ def lock_state(folder: Path) -> LockState | None:
     except FileNotFoundError:
         return None
     except OSError as error:
-        return LockState(SILENT, RUN, f"a process that cannot be told, for {LOCK} cannot be read ({error.strerror})")
+        return LockState(SILENT, RUN, f"({LOCK} cannot be read: {error.strerror})")
     try:
         free = _flock(descriptor, fcntl.LOCK_SH)
         return _judged(descriptor, free)
@@ -124,7 +138,7 @@ def _judged(descriptor: int, free: bool | None) -> LockState:
         state = by_time(held.st_mtime)
     else:
         state = holder.state(held.st_mtime, bool(free))
-    who = f"process {holder.pid} on host {holder.host}" if holder else f"a process that {LOCK} does not name"
+    who = f"(process {holder.pid}), on host {holder.host}" if holder else f"(a process that {LOCK} does not name)"
     return LockState(state, holder.purpose if holder else RUN, f"{who}, last heartbeat {ago(held.st_mtime)}")
 
 
@@ -162,14 +176,19 @@ class RunLock:
             descriptor, new = _opened(path)
             try:
                 flock = _taken(descriptor)
-                if not new:
+                if not new or flock is False:
                     _check_free(descriptor, flock, path, purpose, ended)
                 _write(descriptor, Holder.here(purpose, bool(flock)))
             except BaseException:
                 os.close(descriptor)
                 raise
         except OSError as error:
-            raise DataError(f"{path} cannot be written ({error.strerror})") from error
+            advice = (
+                "give another folder"
+                if purpose == RUN
+                else f"a mended copy: omnilab repair {shlex.quote(str(folder))} --output DIR"
+            )
+            raise DataError(f"{path} cannot be written ({error.strerror}); {advice}") from error
         if flock is None:
             log.info("%s cannot be locked on this disk: whether the run lives is told by its heartbeat alone", path)
         return cls(descriptor)
@@ -249,20 +268,9 @@ def _check_free(descriptor: int, flock: bool | None, path: Path, purpose: str, e
         raise DataError(f"{path} is no lock of omnilab; move it away")
     found = _judged(descriptor, flock)
     if found.state == RUNNING or (found.state == SILENT and not ended):
-        raise DataError(in_use(path.parent, found, purpose))
-
-
-def in_use(folder: Path, found: LockState, purpose: str) -> str:
-    """Why a folder is left alone, and what to do for a run or a repair that wants it."""
-    doing = {RUN: "a run writes", REPAIR: "a repair mends"}.get(found.purpose, "another writes")
-    if purpose == RUN:
-        return f"{folder} is in use: {doing} there ({found.words}); give another hydra.run.dir"
-    if found.state == RUNNING:
-        return f"{folder} is in use: {doing} there ({found.words}); wait for it, or end it first"
-    return (
-        f"{folder} may be in use: whether {doing} there still cannot be told from here ({found.words}); look there, and"
-        f" if it has ended: omnilab repair --ended {folder}"
-    )
+        if purpose == REPAIR:
+            raise found.refusal(path.parent)
+        raise DataError(f"{found.sentence(path.parent)}; give another hydra.run.dir")
 
 
 def check_unused(folder: Path) -> None:
@@ -282,6 +290,7 @@ def check_unused(folder: Path) -> None:
 
 
 def _write(descriptor: int, holder: Holder) -> None:
-    text = json.dumps(asdict(holder), indent=2).ljust(PADDED_BYTES - 1) + "\n"
-    os.pwrite(descriptor, text.encode(), 0)
+    text = (json.dumps(asdict(holder), indent=2).ljust(PADDED_BYTES - 1) + "\n").encode()
+    os.pwrite(descriptor, text, 0)
+    os.ftruncate(descriptor, len(text))
     os.utime(descriptor)
