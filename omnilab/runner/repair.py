@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import shutil
 import tempfile
+import weakref
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,7 +24,6 @@ class RunsOnDisk:
 
     def __init__(self, registry: Registry) -> None:
         self._registry = registry
-        self._copies: list[tempfile.TemporaryDirectory[str]] = []  # which go when the command ends
 
     def ready(self, run: Path) -> Path:
         """The folder of a run, its logs mended first if it was killed; DataError if there is none.
@@ -48,9 +48,9 @@ class RunsOnDisk:
         return loaded.folder
 
     def _copy(self, run: LoadedRun) -> Path:
-        place = tempfile.TemporaryDirectory(prefix="omnilab-", ignore_cleanup_errors=True)
-        self._copies.append(place)
-        copy = Path(place.name) / run.folder.name
+        place = tempfile.mkdtemp(prefix="omnilab-")
+        weakref.finalize(self, shutil.rmtree, place, ignore_errors=True)  # at the latest when Python ends
+        copy = Path(place) / run.folder.name
         for failure in _mended_copy(run, copy, self._registry)[1]:
             print_error(failure)
         return copy

@@ -109,8 +109,8 @@ class LockState:
     def refusal(self, folder: Path) -> DataError:
         """Of a repair, with what to do."""
         wait = "wait for it, or end it first"
-        look = f"look there, and if it has ended: omnilab repair --ended {shlex.quote(str(folder))}"
-        return DataError(f"{self.sentence(folder)}; {wait if self.state == RUNNING else look}")
+        ask = f"look there, and if it has ended: omnilab repair --ended {shlex.quote(str(folder))}"
+        return DataError(f"{self.sentence(folder)}; {wait if self.state == RUNNING else ask}")
 
 
 def lock_state(folder: Path) -> LockState | None:
@@ -183,11 +183,8 @@ class RunLock:
                 os.close(descriptor)
                 raise
         except OSError as error:
-            advice = (
-                "give another folder"
-                if purpose == RUN
-                else f"a mended copy: omnilab repair {shlex.quote(str(folder))} --output DIR"
-            )
+            copy = f"a mended copy: omnilab repair {shlex.quote(str(folder))} --output DIR"
+            advice = copy if purpose == REPAIR else "give another folder"
             raise DataError(f"{path} cannot be written ({error.strerror}); {advice}") from error
         if flock is None:
             log.info("%s cannot be locked on this disk: whether the run lives is told by its heartbeat alone", path)
@@ -278,7 +275,7 @@ def check_unused(folder: Path) -> None:
 
     There may be what Hydra puts there, and what a run that was killed while it began left of itself.
     """
-    begun = {LOCK, CONFIG, MANIFEST, RESERVED} if (folder / LOCK).exists() else set[str]()
+    begun = {LOCK, CONFIG, MANIFEST, RUN_LOG, RESERVED} if (folder / LOCK).exists() else set[str]()
     for file in sorted(folder.iterdir()):
         of_hydra = file.name.startswith(".") or (file.suffix == ".log" and file.name != RUN_LOG) or file.is_dir()
         if not of_hydra and file.name not in begun and not (begun and file.suffix == ".part"):

@@ -260,7 +260,6 @@ def test_files_that_a_run_might_replace_are_not(folder, name):
 def test_what_hydra_and_a_killed_start_left_is_in_nobodys_way(folder):
     killed(folder)
     (folder / "status.json").unlink()
-    (folder / "run.log").unlink()
     (folder / ".hydra").mkdir()
     (folder / "omnilab.log").touch()
     run = RunFolder(folder)
@@ -271,7 +270,6 @@ def test_what_hydra_and_a_killed_start_left_is_in_nobodys_way(folder):
 def test_a_reader_keeps_nobody_from_a_lock(folder):
     killed(folder)
     (folder / "status.json").unlink()
-    (folder / "run.log").unlink()
     stop = threading.Event()
     run = load_run(unlocked(folder.parent / "other", pid=1))
     object.__setattr__(run, "folder", folder)

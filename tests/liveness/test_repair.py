@@ -22,6 +22,7 @@ from omnilab.runner import repair
 from omnilab.runner.repair import RunsOnDisk, mend, mend_copy
 from omnilab.runner.run_folder import DONE, RunFolder, load_run
 from omnilab.runner.run_folder.lock import LOCK
+from omnilab.runner.run_folder.names import RESERVED
 
 SCRIPT = Path(sys.executable).with_name("omnilab")
 WORLD = Path(__file__).parents[1] / "box_world.yaml"
@@ -167,7 +168,7 @@ def test_a_mended_copy_leaves_the_run_as_it_is(live, tmp_path):
     assert mend_copy(load_run(live), tmp_path / "a" / "copy", Sinks()) == ["run.second was torn"]
     assert contents(live) == before
     copy = tmp_path / "a" / "copy"
-    assert {path.name for path in copy.rglob("*")} == {*before, "views", "0.png"} - {LOCK}
+    assert {path.name for path in copy.rglob("*")} == {*before, "views", "0.png"} - {LOCK, RESERVED}
     assert (copy / "run.second").read_text() == "torn\nmended\n"
     assert load_run(copy).state == "killed"
     assert load_run(live).state == "running"
