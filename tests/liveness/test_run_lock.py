@@ -277,6 +277,7 @@ def test_a_reader_keeps_nobody_from_a_lock(folder):
     def read() -> None:
         while not stop.is_set():
             _ = run.lock
+            time.sleep(0.0005)
 
     readers = [threading.Thread(target=read) for _ in range(2)]
     for reader in readers:

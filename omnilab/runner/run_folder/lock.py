@@ -29,7 +29,7 @@ LOCK = "run.lock"
 RUN, REPAIR = "run", "repair"  # what a lock is held for
 HEARTBEAT_S = 5.0
 FRESH_S = 60.0  # no older heartbeat is one; a C library may keep the thread from its work for long
-TAKING_S = 1.0  # a reader holds a lock for microseconds
+TAKING_S = 2.0  # a reader holds a lock for microseconds
 LARGEST_BYTES = 4096
 PADDED_BYTES = 1000  # so that one text replaces another whole, also on a full disk
 TEXT, NUMBER = (str, NoneType), (int, NoneType)
@@ -122,10 +122,11 @@ def lock_state(folder: Path) -> LockState | None:
     except OSError as error:
         return LockState(SILENT, RUN, f"({LOCK} cannot be read: {error.strerror})")
     try:
-        free = _flock(descriptor, fcntl.LOCK_SH)
+        if free := _flock(descriptor, fcntl.LOCK_SH):
+            fcntl.flock(descriptor, fcntl.LOCK_UN)  # at once, for somebody may want it
         return _judged(descriptor, free)
     finally:
-        os.close(descriptor)  # and with it the lock
+        os.close(descriptor)
 
 
 def _judged(descriptor: int, free: bool | None) -> LockState:
