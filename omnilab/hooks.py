@@ -63,7 +63,10 @@ class Runs(Protocol):
     """The runs on disk, for commands of plugins."""
 
     def ready(self, run: Path) -> Path:
-        """The folder of a run, its logs mended first if it was killed; DataError if there is none."""
+        """The folder of a run, its logs mended first if it was killed; DataError if there is none.
+
+        Of a run that goes on, or may, that of a mended copy, which is taken away when the command ends.
+        """
 
 
 def hookspecs() -> type[Any]:

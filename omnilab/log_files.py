@@ -57,11 +57,16 @@ def replace_mended(log: Path, write: Callable[[BinaryIO], object], keep: bool) -
             aside.unlink()
         if not isinstance(error, OSError):
             raise
-        raise DataError(
-            f"{log} cannot be mended in its place ({error.strerror}) and is as it was; for a mended copy elsewhere:"
-            f" omnilab repair {log.parent} --output DIR"
-        ) from error
+        raise unmended(log, error.strerror) from error
     return aside
+
+
+def unmended(log: Path, why: str | None) -> DataError:
+    """The sentence about a log that could not be written anew."""
+    return DataError(
+        f"{log} cannot be mended in its place ({why}) and is as it was; for a mended copy elsewhere:"
+        f" omnilab repair {log.parent} --output DIR"
+    )
 
 
 def _second_name(log: Path) -> Path:

@@ -19,8 +19,8 @@ from omnilab.api import KINDS
 from omnilab.errors import ConfigError, DataError, OmnilabError, did_you_mean, of_machine, visible
 from omnilab.runner.interrupts import uninterrupted
 from omnilab.runner.registry import Registry, discover
-from omnilab.runner.repair import mend
-from omnilab.runner.run_folder import RUNNING, UNREADABLE, LoadedRun, find_runs, load_run, new_folder_name
+from omnilab.runner.repair import mend, mend_copy
+from omnilab.runner.run_folder import UNREADABLE, LoadedRun, find_runs, load_run, new_folder_name
 from omnilab.runner.streams import unwritten
 from omnilab.runner.terminal import headline, print_error, print_table, short, show_run
 
@@ -276,12 +276,23 @@ def _digests(run: LoadedRun) -> dict[str, str]:
 
 def repair(argv: list[str]) -> int:
     """Mend the logs of a run that was killed."""
-    options = _run_parser("omnilab repair", repair.__doc__).parse_args(argv)
+    parser = _run_parser("omnilab repair", repair.__doc__)
+    parser.add_argument(
+        "--ended",
+        action="store_true",
+        help="the run has ended, which cannot be told from here (it is listed as silent: it was on another host)",
+    )
+    parser.add_argument(
+        "--output", type=Path, metavar="DIR", help="leave the run as it is, and mend a copy of it there"
+    )
+    options = parser.parse_args(argv)
     run = load_run(options.run)
-    if run.state == RUNNING:
-        raise DataError(f"{options.run} is still running (process {run.status['pid']}); wait for it, or end it first")
-    if not mend(run, discover_loudly()):
-        print_error(f"{short(run.folder)} is whole, nothing to repair")
+    if options.output is None:
+        done = mend(run, discover_loudly(), options.ended)
+    else:
+        done = [*mend_copy(run, options.output, discover_loudly()), f"the mended copy is {options.output}"]
+    for sentence in done or [f"{short(run.folder)} is whole, nothing to repair"]:
+        print_error(sentence)
     return 0
 
 

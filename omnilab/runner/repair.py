@@ -1,12 +1,19 @@
-"""Mending the logs of runs that were killed, by the sinks that wrote them."""
+"""Mending the logs of runs that were killed, by the sinks that wrote them; of all others, only copies."""
 
 from __future__ import annotations
 
+import shlex
+import shutil
+import tempfile
+import weakref
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from omnilab.runner.run_folder import KILLED, LoadedRun, RunFolder, load_run
-from omnilab.runner.terminal import print_error
+from omnilab.errors import DataError
+from omnilab.runner.run_folder import KILLED, RUNNING, SILENT, LoadedRun, RunFolder, load_run
+from omnilab.runner.run_folder.lock import LOCK, REPAIR, RunLock
+from omnilab.runner.run_folder.names import STATUS
+from omnilab.runner.terminal import print_error, short
 
 if TYPE_CHECKING:
     from omnilab.runner.registry import Registry
@@ -19,18 +26,117 @@ class RunsOnDisk:
         self._registry = registry
 
     def ready(self, run: Path) -> Path:
-        """The folder of a run, its logs mended first if it was killed; DataError if there is none."""
+        """The folder of a run, its logs mended first if it was killed; DataError if there is none.
+
+        Of a run that goes on, or may, and of one that cannot be mended in its place: the folder of a mended copy.
+        """
         loaded = load_run(run)
-        if loaded.state == KILLED:
-            mend(loaded, self._registry)
+        state = loaded.state
+        if loaded.alive:
+            print_error(f"{loaded.lock.sentence(short(loaded.folder))}; a copy of what is there is shown")
+            return self._copy(loaded)
+        if state == KILLED:
+            try:
+                lock = RunLock.take(loaded.folder, REPAIR, ended=True)
+            except DataError as error:
+                print_error(f"{error}; a mended copy is shown")
+                return self._copy(loaded)
+            with lock:
+                done, failures = _mend(loaded.folder, self._registry)
+            for sentence in done + failures:
+                print_error(sentence)
         return loaded.folder
 
+    def _copy(self, run: LoadedRun) -> Path:
+        place = tempfile.mkdtemp(prefix="omnilab-")
+        weakref.finalize(self, shutil.rmtree, place, ignore_errors=True)  # at the latest when Python ends
+        copy = Path(place) / run.folder.name
+        for failure in _mended_copy(run, copy, self._registry)[1]:
+            print_error(failure)
+        return copy
 
-def mend(run: LoadedRun, registry: Registry) -> list[str]:
-    """Every sink's repair of a run's files: what was done, in sentences, which are printed."""
-    done = [s for name in registry.names("sink") if (s := registry.get("sink", name).cls().repair(run.folder))]
-    for sentence in done:
+
+def mend(run: LoadedRun, registry: Registry, ended: bool = False) -> list[str]:
+    """Every sink's repair of a run's files: what was done, in sentences. DataError if the run goes on, or may.
+
+    `ended`: the caller knows that a run which cannot be seen from here has ended.
+    """
+    if run.state == RUNNING or (run.state == SILENT and not ended):
+        raise run.lock.refusal(short(run.folder))
+    with RunLock.take(run.folder, REPAIR, ended or run.status["status"] != RUNNING):
+        return _all_done(*_mend(run.folder, registry))
+
+
+def mend_copy(run: LoadedRun, copy: Path, registry: Registry) -> list[str]:
+    """The same on a copy in a new folder, whether the run goes on or not; the run itself is left alone."""
+    if copy.exists() or copy.resolve().is_relative_to(run.folder):
+        raise DataError(f"{copy} is there already, or lies in the run's folder; give a new folder elsewhere")
+    return _all_done(*_mended_copy(run, copy, registry))
+
+
+def _all_done(done: list[str], failures: list[str]) -> list[str]:
+    """What was done; DataError if something could not be, after what was is printed."""
+    if not failures:
+        return done
+    for sentence in done + failures[:-1]:
         print_error(sentence)
-    if run.state == KILLED:
-        RunFolder(run.folder).status(KILLED)
-    return done
+    raise DataError(failures[-1])
+
+
+def _mend(folder: Path, registry: Registry) -> tuple[list[str], list[str]]:
+    """Mend the files of each sink, in a folder that nobody else writes into: what was done, and what could not be."""
+    done, failures = list[str](), list[str]()
+    for name in registry.names("sink"):
+        try:
+            if sentence := registry.get("sink", name).cls().repair(folder):
+                done.append(sentence)
+        except DataError as error:
+            failures.append(str(error))
+        except OSError as error:
+            failures.append(_unwritten(f"the files of sink '{name}' in {folder} cannot be mended", error, folder))
+    try:
+        if load_run(folder).status["status"] == RUNNING:
+            RunFolder(folder).status(KILLED)
+    except OSError as error:
+        failures.append(_unwritten(f"{folder / STATUS} cannot be written", error, folder))
+    return done, failures
+
+
+def _unwritten(what: str, error: OSError, folder: Path) -> str:
+    return f"{what} ({error.strerror}); a mended copy: omnilab repair {shlex.quote(str(folder))} --output DIR"
+
+
+def _mended_copy(run: LoadedRun, copy: Path, registry: Registry) -> tuple[list[str], list[str]]:
+    """Copy a run's folder, whoever writes there, into a new one, and mend the copy."""
+    try:
+        copy.mkdir(parents=True)
+        size, room = _bytes(run.folder), shutil.disk_usage(copy).free
+        if size > room:
+            raise DataError(
+                f"a copy of {run.folder} takes {size / 1e6:.0f} MB, and {copy} has room for {room / 1e6:.0f}; set TMPDIR, or"
+                " --output of omnilab repair, to a folder with more"
+            )
+        shutil.copytree(run.folder, copy, ignore=_not_copied, copy_function=_copy_file, dirs_exist_ok=True)
+        done, failures = _mend(copy, registry)
+    except OSError as error:
+        raise DataError(f"{run.folder} cannot be copied to {copy} ({error.strerror or error})") from error
+    return done, [failure.replace(str(copy), str(run.folder)) for failure in failures]
+
+
+def _bytes(folder: Path) -> int:
+    return sum(file.lstat().st_size for file in folder.rglob("*") if file.is_file() and not file.is_symlink())
+
+
+def _not_copied(folder: str, names: list[str]) -> set[str]:
+    """Of a folder's entries, the lock, links, and what is neither file nor folder."""
+    entries = {name: Path(folder, name) for name in names}
+    return {n for n, e in entries.items() if n == LOCK or e.is_symlink() or not (e.is_file() or e.is_dir())}
+
+
+def _copy_file(source: str, target: str) -> None:
+    """As long as it is there: a run that goes on writes files under other names first."""
+    try:
+        shutil.copyfile(source, target)
+    except FileNotFoundError:
+        if Path(source).exists():
+            raise

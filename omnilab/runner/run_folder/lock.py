@@ -11,6 +11,7 @@ import fcntl
 import json
 import logging
 import os
+import shlex
 import stat
 import threading
 import time
@@ -28,7 +29,7 @@ LOCK = "run.lock"
 RUN, REPAIR = "run", "repair"  # what a lock is held for
 HEARTBEAT_S = 5.0
 FRESH_S = 60.0  # no older heartbeat is one; a C library may keep the thread from its work for long
-TAKING_S = 1.0  # a reader holds a lock for microseconds
+TAKING_S = 2.0  # a reader holds a lock for microseconds
 LARGEST_BYTES = 4096
 PADDED_BYTES = 1000  # so that one text replaces another whole, also on a full disk
 TEXT, NUMBER = (str, NoneType), (int, NoneType)
@@ -98,6 +99,19 @@ class LockState:
     purpose: str
     words: str
 
+    def sentence(self, folder: Path) -> str:
+        """Why a folder is left alone."""
+        doing = "being repaired" if self.purpose == REPAIR else "running"
+        if self.state == RUNNING:
+            return f"{folder} is still {doing} {self.words}"
+        return f"{folder} may still be {doing}, which cannot be told from here {self.words}"
+
+    def refusal(self, folder: Path) -> DataError:
+        """Of a repair, with what to do."""
+        wait = "wait for it, or end it first"
+        ask = f"look there, and if it has ended: omnilab repair --ended {shlex.quote(str(folder))}"
+        return DataError(f"{self.sentence(folder)}; {wait if self.state == RUNNING else ask}")
+
 
 def lock_state(folder: Path) -> LockState | None:
     """What the lock of a run folder says; None if there is none. Writes nothing, waits for nothing."""
@@ -106,12 +120,13 @@ def lock_state(folder: Path) -> LockState | None:
     except FileNotFoundError:
         return None
     except OSError as error:
-        return LockState(SILENT, RUN, f"a process that cannot be told, for {LOCK} cannot be read ({error.strerror})")
+        return LockState(SILENT, RUN, f"({LOCK} cannot be read: {error.strerror})")
     try:
-        free = _flock(descriptor, fcntl.LOCK_SH)
+        if free := _flock(descriptor, fcntl.LOCK_SH):
+            fcntl.flock(descriptor, fcntl.LOCK_UN)  # at once, for somebody may want it
         return _judged(descriptor, free)
     finally:
-        os.close(descriptor)  # and with it the lock
+        os.close(descriptor)
 
 
 def _judged(descriptor: int, free: bool | None) -> LockState:
@@ -124,7 +139,7 @@ def _judged(descriptor: int, free: bool | None) -> LockState:
         state = by_time(held.st_mtime)
     else:
         state = holder.state(held.st_mtime, bool(free))
-    who = f"process {holder.pid} on host {holder.host}" if holder else f"a process that {LOCK} does not name"
+    who = f"(process {holder.pid}), on host {holder.host}" if holder else f"(a process that {LOCK} does not name)"
     return LockState(state, holder.purpose if holder else RUN, f"{who}, last heartbeat {ago(held.st_mtime)}")
 
 
@@ -162,14 +177,16 @@ class RunLock:
             descriptor, new = _opened(path)
             try:
                 flock = _taken(descriptor)
-                if not new:
+                if not new or flock is False:
                     _check_free(descriptor, flock, path, purpose, ended)
                 _write(descriptor, Holder.here(purpose, bool(flock)))
             except BaseException:
                 os.close(descriptor)
                 raise
         except OSError as error:
-            raise DataError(f"{path} cannot be written ({error.strerror})") from error
+            copy = f"a mended copy: omnilab repair {shlex.quote(str(folder))} --output DIR"
+            advice = copy if purpose == REPAIR else "give another folder"
+            raise DataError(f"{path} cannot be written ({error.strerror}); {advice}") from error
         if flock is None:
             log.info("%s cannot be locked on this disk: whether the run lives is told by its heartbeat alone", path)
         return cls(descriptor)
@@ -249,20 +266,9 @@ def _check_free(descriptor: int, flock: bool | None, path: Path, purpose: str, e
         raise DataError(f"{path} is no lock of omnilab; move it away")
     found = _judged(descriptor, flock)
     if found.state == RUNNING or (found.state == SILENT and not ended):
-        raise DataError(in_use(path.parent, found, purpose))
-
-
-def in_use(folder: Path, found: LockState, purpose: str) -> str:
-    """Why a folder is left alone, and what to do for a run or a repair that wants it."""
-    doing = {RUN: "a run writes", REPAIR: "a repair mends"}.get(found.purpose, "another writes")
-    if purpose == RUN:
-        return f"{folder} is in use: {doing} there ({found.words}); give another hydra.run.dir"
-    if found.state == RUNNING:
-        return f"{folder} is in use: {doing} there ({found.words}); wait for it, or end it first"
-    return (
-        f"{folder} may be in use: whether {doing} there still cannot be told from here ({found.words}); look there, and"
-        f" if it has ended: omnilab repair --ended {folder}"
-    )
+        if purpose == REPAIR:
+            raise found.refusal(path.parent)
+        raise DataError(f"{found.sentence(path.parent)}; give another hydra.run.dir")
 
 
 def check_unused(folder: Path) -> None:
@@ -270,7 +276,7 @@ def check_unused(folder: Path) -> None:
 
     There may be what Hydra puts there, and what a run that was killed while it began left of itself.
     """
-    begun = {LOCK, CONFIG, MANIFEST, RESERVED} if (folder / LOCK).exists() else set[str]()
+    begun = {LOCK, CONFIG, MANIFEST, RUN_LOG, RESERVED} if (folder / LOCK).exists() else set[str]()
     for file in sorted(folder.iterdir()):
         of_hydra = file.name.startswith(".") or (file.suffix == ".log" and file.name != RUN_LOG) or file.is_dir()
         if not of_hydra and file.name not in begun and not (begun and file.suffix == ".part"):
@@ -282,6 +288,7 @@ def check_unused(folder: Path) -> None:
 
 
 def _write(descriptor: int, holder: Holder) -> None:
-    text = json.dumps(asdict(holder), indent=2).ljust(PADDED_BYTES - 1) + "\n"
-    os.pwrite(descriptor, text.encode(), 0)
+    text = (json.dumps(asdict(holder), indent=2).ljust(PADDED_BYTES - 1) + "\n").encode()
+    os.pwrite(descriptor, text, 0)
+    os.ftruncate(descriptor, len(text))
     os.utime(descriptor)

@@ -116,8 +116,8 @@ class LoadedRun:
         host, last_s = self._host(), max(map(_changed_s, (self.folder / STATUS, *self.folder.glob("run.*"))))
         elsewhere = host not in (None, process.host())
         state = by_time(last_s) if elsewhere or self._may_be(self.status["pid"]) else KILLED
-        where = f" on host {host}" if host else ""
-        return LockState(state, RUN, f"process {self.status['pid']}{where}, last change {ago(last_s)}")
+        where = f", on host {host}" if host else ""
+        return LockState(state, RUN, f"(process {self.status['pid']}){where}, last change {ago(last_s)}")
 
     def _host(self) -> str | None:
         """Where the run was made; None if it does not say."""

@@ -56,7 +56,7 @@ class DamagedLog:
     """
 
     def __init__(self, file: BinaryIO, size: int) -> None:
-        self._file, self._size, self._left = file, size, MOST_READS * size
+        self._file, self._size, self._left = file, size, MOST_READS * size + BLOCK_BYTES
         self.summary = read_summary(file, size)
         self._channels = set(self.summary.channels) if self.summary else set[int]()
         self._chunked = bool(self.summary and self.summary.chunks)
@@ -103,11 +103,12 @@ class DamagedLog:
             yield Damage(at, at, "its end", torn=True)
 
     def _read(self, at: int, length: int) -> bytes:
-        self._left -= length
-        if self._left < -LARGEST_BYTES:
+        if self._left < 0:
             raise DataError(f"{self._file.name} is damaged in too many places to be mended; it is as it was")
         self._file.seek(at)
-        return self._file.read(length)
+        data = self._file.read(length)
+        self._left -= len(data)
+        return data
 
     def _extent(self, at: int) -> tuple[int, int]:
         """Opcode and end of the record here, as far as its head can be believed."""

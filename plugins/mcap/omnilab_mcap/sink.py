@@ -50,7 +50,7 @@ class McapSink:
         self._log = None
 
     def repair(self, folder: Path) -> str | None:
-        """Rewrite a torn `run.mcap` with all whole chunks and an index; DataError if it is no MCAP log."""
+        """Write a torn or damaged `run.mcap` anew with all whole chunks; DataError if it is no MCAP log."""
         from omnilab_mcap.repair import repair
 
         return repair(folder / FILE)

@@ -174,7 +174,7 @@ class RerunSink:
         threading.Thread(target=self._stream.disconnect, daemon=True).start()
 
     def repair(self, folder: Path) -> str | None:
-        """Drop a torn tail of `run.rrd` and write its footer; None if it was complete or is not there."""
+        """Write a torn or damaged `run.rrd` anew with all its whole messages; None if it is whole or not there."""
         from omnilab_rerun.binary import repair
 
         return repair(folder / FILE)

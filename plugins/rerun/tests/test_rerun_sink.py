@@ -72,7 +72,7 @@ def test_what_was_flushed_survives_sigkill_and_repair_completes_the_file(tmp_pat
     data, flushed = killed
     (tmp_path / "run.rrd").write_bytes(data)
     sentence = RerunSink().repair(tmp_path)
-    assert "no footer" in sentence
+    assert "no whole footer" in sentence
     assert [file.name for file in tmp_path.iterdir()] == ["run.rrd"]
     assert RerunSink().repair(tmp_path) is None, "mended once, it is complete"
 
@@ -90,7 +90,7 @@ def test_what_was_flushed_survives_sigkill_and_repair_completes_the_file(tmp_pat
 def test_a_torn_tail_is_dropped(tmp_path, killed, read, torn_off):
     data, _ = killed
     (tmp_path / "run.rrd").write_bytes(data[:-torn_off])
-    assert "no footer" in RerunSink().repair(tmp_path)
+    assert "no whole footer" in RerunSink().repair(tmp_path)
     steps = read(tmp_path / "run.rrd").rows("/signature", "step")
     assert steps == list(range(len(steps)))
     assert len(steps) > 50
