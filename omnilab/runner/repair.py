@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import secrets
 import shlex
 import shutil
 import tempfile
+import traceback
 import weakref
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from omnilab.errors import DataError
+from omnilab.errors import DataError, OmnilabError
 from omnilab.runner.run_folder import KILLED, RUNNING, SILENT, LoadedRun, RunFolder, load_run
 from omnilab.runner.run_folder.lock import LOCK, REPAIR, RunLock
 from omnilab.runner.run_folder.names import STATUS
@@ -90,10 +93,18 @@ def _mend(folder: Path, registry: Registry) -> tuple[list[str], list[str]]:
         try:
             if sentence := registry.get("sink", name).cls().repair(folder):
                 done.append(sentence)
-        except DataError as error:
+        except OmnilabError as error:
             failures.append(str(error))
         except OSError as error:
             failures.append(_unwritten(f"the files of sink '{name}' in {folder} cannot be mended", error, folder))
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # noqa: BLE001  no sink keeps another from its repair
+            traceback.print_exception(error)
+            failures.append(
+                f"sink '{name}' failed to mend its files in {folder} ({type(error).__name__}: {error}), which is a bug of"
+                " its plugin"
+            )
     try:
         if load_run(folder).status["status"] == RUNNING:
             RunFolder(folder).status(KILLED)
@@ -107,20 +118,25 @@ def _unwritten(what: str, error: OSError, folder: Path) -> str:
 
 
 def _mended_copy(run: LoadedRun, copy: Path, registry: Registry) -> tuple[list[str], list[str]]:
-    """Copy a run's folder, whoever writes there, into a new one, and mend the copy."""
+    """Copy a run's folder, whoever writes there, into a new one, and mend the copy, which is there when it is done."""
+    part = copy.with_name(f"{copy.name}.{os.getpid()}-{secrets.token_hex(4)}.part")
     try:
-        copy.mkdir(parents=True)
-        size, room = _bytes(run.folder), shutil.disk_usage(copy).free
+        part.mkdir(parents=True)
+        size, room = _bytes(run.folder), shutil.disk_usage(part).free
         if size > room:
             raise DataError(
                 f"a copy of {run.folder} takes {size / 1e6:.0f} MB, and {copy} has room for {room / 1e6:.0f}; set TMPDIR, or"
                 " --output of omnilab repair, to a folder with more"
             )
-        shutil.copytree(run.folder, copy, ignore=_not_copied, copy_function=_copy_file, dirs_exist_ok=True)
-        done, failures = _mend(copy, registry)
+        shutil.copytree(run.folder, part, ignore=_not_copied, copy_function=_copy_file, dirs_exist_ok=True)
+        done, failures = _mend(part, registry)
+        part.rename(copy)
     except OSError as error:
-        raise DataError(f"{run.folder} cannot be copied to {copy} ({error.strerror or error})") from error
-    return done, [failure.replace(str(copy), str(run.folder)) for failure in failures]
+        why = error.args[0][0][2] if isinstance(error, shutil.Error) else error.strerror  # the first of several files
+        raise DataError(f"{run.folder} cannot be copied to {copy} ({why}); give another folder") from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+    return done, [failure.replace(str(part), str(run.folder)) for failure in failures]
 
 
 def _bytes(folder: Path) -> int:

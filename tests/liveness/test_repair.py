@@ -17,12 +17,15 @@ from types import SimpleNamespace
 import pytest
 from mcap.reader import make_reader
 
+from omnilab.api import Text, Tick
 from omnilab.errors import DataError
 from omnilab.runner import repair
 from omnilab.runner.repair import RunsOnDisk, mend, mend_copy
 from omnilab.runner.run_folder import DONE, RunFolder, load_run
 from omnilab.runner.run_folder.lock import LOCK
 from omnilab.runner.run_folder.names import RESERVED
+from omnilab_mcap import McapSink
+from omnilab_rerun import RerunSink
 
 SCRIPT = Path(sys.executable).with_name("omnilab")
 WORLD = Path(__file__).parents[1] / "box_world.yaml"
@@ -158,6 +161,43 @@ def test_a_sink_that_cannot_mend_keeps_no_other_from_it(killed, error, capsys):
     assert load_run(killed).status["status"] == "killed"
 
 
+@pytest.mark.parametrize("error", [ValueError("no such byte"), SystemExit(0)])
+def test_a_sink_that_fails_keeps_no_other_from_it_and_shows_where(killed, error, capsys):
+    def fail(folder):
+        raise error
+
+    with pytest.raises(DataError, match=r"sink 'first' failed to mend its files in .*, which is a bug of its plugin"):
+        mend(load_run(killed), sinks := Sinks(fail))
+    printed = capsys.readouterr().err
+    assert "Traceback" in printed
+    assert printed.endswith("omnilab: run.second was torn\n")
+    assert sinks.repaired == [killed]
+
+
+def test_damaged_logs_of_a_run_that_ended_well_are_found(tmp_path, omnilab_here):
+    run = made(tmp_path / "logs" / "run")
+    for sink in McapSink(), RerunSink():
+        sink.open(run.folder)
+        for step in range(20):
+            sink.write("log", Text(f"step {step}"), Tick(step, step))
+            sink.flush()
+        sink.close()
+    run.status(DONE)
+    run.close()
+    assert "is whole, nothing to repair" in omnilab_here("repair", "logs/run").stderr
+    mcap, rrd = run.folder / "run.mcap", run.folder / "run.rrd"
+    log, recording = mcap.read_bytes(), rrd.read_bytes()
+    at = log.index(b"\x04\0\0\0zstd", len(log) // 3)  # within the head of a chunk
+    mcap.write_bytes(log[: at + 30] + bytes([log[at + 30] ^ 1]) + log[at + 31 :])
+    rrd.write_bytes(recording[: len(recording) // 2] + bytes(len(recording) // 2))
+    result = omnilab_here("repair", "logs/run")
+    assert result.rc == 0, result.stderr
+    assert "19 messages were kept and indexed again, 1 were lost, logged from 20" in result.stderr
+    assert "run.rrd had no whole footer and was written anew" in result.stderr
+    assert "is whole, nothing to repair" in omnilab_here("repair", "logs/run").stderr
+    assert load_run(run.folder).status["status"] == DONE
+
+
 # ------------------------------------------------------------------------------------------------------- copies
 def test_a_mended_copy_leaves_the_run_as_it_is(live, tmp_path):
     os.mkfifo(live / "pipe")
@@ -178,6 +218,18 @@ def test_a_mended_copy_leaves_the_run_as_it_is(live, tmp_path):
 def test_a_copy_goes_into_a_folder_of_its_own(live, tmp_path, where):
     with pytest.raises(DataError, match="is there already, or lies in the run's folder"):
         mend_copy(load_run(live), tmp_path / where, Sinks())
+
+
+def test_a_copy_that_fails_leaves_nothing(live, tmp_path, monkeypatch):
+    def full(source, target):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(repair, "_copy_file", full)
+    with pytest.raises(
+        DataError, match=r"cannot be copied to .*copy \(.*No space left on device\); give another folder"
+    ):
+        mend_copy(load_run(live), tmp_path / "copy", Sinks())
+    assert [path.name for path in tmp_path.iterdir()] == ["logs"]
 
 
 def test_a_copy_that_finds_no_room_is_not_begun(live, tmp_path, monkeypatch):

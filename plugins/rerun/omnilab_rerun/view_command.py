@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from omnilab.hooks import Runs
@@ -14,10 +16,26 @@ from omnilab_rerun.sink import RerunSink
 def view(runs: Runs, argv: Sequence[str]) -> int:
     """Open a run's recording in Rerun, or take its picture without a display."""
     options = _parser().parse_args(argv)
-    RerunSink().view(runs.ready(options.run), screenshot=options.screenshot, step=options.step)
+    with _ended_in_good_order():
+        RerunSink().view(runs.ready(options.run), screenshot=options.screenshot, step=options.step)
     if options.screenshot is not None:
         sys.stderr.write(f"omnilab: the picture is {options.screenshot}\n")
     return 0
+
+
+@contextmanager
+def _ended_in_good_order() -> Iterator[None]:
+    """Signals end what they interrupt as Ctrl-C does: with the viewer, and with the copy of a run that is shown."""
+
+    def end(number: int, _: object) -> None:
+        raise SystemExit(128 + number)
+
+    before = {number: signal.signal(number, end) for number in (signal.SIGTERM, signal.SIGHUP)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -61,6 +63,25 @@ def test_a_screenshot_is_named_on_standard_error(command, runs, calls, capsys):
 def test_a_run_without_recording_is_an_error(command):
     with pytest.raises(DataError, match=r"run\.rrd does not exist; run the experiment with the sink rerun"):
         command([])
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_it_in_good_order(command, monkeypatch, number):
+    ended = []
+
+    def view(self, folder, **options):
+        try:
+            os.kill(os.getpid(), number)
+            signal.sigtimedwait([], 60)
+        finally:
+            ended.append(folder)
+
+    monkeypatch.setattr(RerunSink, "view", view)
+    before = signal.getsignal(number)
+    with pytest.raises(SystemExit, match=str(128 + number)):
+        command([])
+    assert ended
+    assert signal.getsignal(number) == before
 
 
 def test_help_names_the_options(command, capsys):
