@@ -16,7 +16,7 @@ from typing import TextIO, cast
 class LastingStream:
     """A text stream that raises nothing: once it cannot be written, `error` says why, and what follows goes nowhere.
 
-    What was lost of it is printed on `instead`, unless a reader has seen enough.
+    Or it is printed on `instead`, with what was lost before; but not if a reader has seen enough.
     """
 
     def __init__(self, stream: TextIO, instead: LastingStream | None = None) -> None:
@@ -29,10 +29,11 @@ class LastingStream:
     def write(self, text: str) -> int:
         if self._instead is not None:
             self._waiting.append(text)
-        try:
-            self._stream.write(text)
-        except (OSError, ValueError) as error:  # ValueError: it was closed
-            self._give_up(error)
+        if self.error is None:
+            try:
+                self._stream.write(text)
+            except (OSError, ValueError) as error:  # ValueError: it was closed
+                self._give_up(error)
         return len(text)
 
     def writelines(self, lines: Iterable[str]) -> None:
@@ -44,18 +45,16 @@ class LastingStream:
             self._stream.flush()
         except (OSError, ValueError) as error:
             self._give_up(error)
+        if self._instead is not None and self.error is not None and not isinstance(self.error, BrokenPipeError):
+            self._instead.writelines(self._waiting)
         self._waiting.clear()
 
     def _give_up(self, error: Exception) -> None:
-        if self.error is None:
-            self.error = error
-            with suppress(OSError):  # no file can be opened: then every write fails, and is caught above
-                nowhere = os.open(os.devnull, os.O_WRONLY)  # for C libraries, too, and what Python flushes at its end
-                os.dup2(nowhere, self._stream.fileno())
-                os.close(nowhere)
-            if self._instead is not None and not isinstance(error, BrokenPipeError):
-                self._instead.writelines(self._waiting)
-        self._waiting.clear()
+        self.error = self.error or error
+        with suppress(OSError):  # no file can be opened: then every write fails, and is caught above
+            nowhere = os.open(os.devnull, os.O_WRONLY)  # for C libraries, too, and what Python flushes at its end
+            os.dup2(nowhere, self._stream.fileno())
+            os.close(nowhere)
 
     def __getattr__(self, name: str) -> object:
         return getattr(self._stream, name)

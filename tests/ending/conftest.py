@@ -17,7 +17,6 @@ PLUGIN = Path(__file__).with_name("omnilab_endings.py")
 SCRIPT = Path(sys.executable).with_name("omnilab")
 NO_LOGS = ["~sink@sinks.rerun", "~sink@sinks.mcap"]
 ENDINGS = ["experiment=pose_graph", "~backend", "study=endings", *NO_LOGS]
-METRICS = "metric,value,unit,low,high,note\nprecious,0.123456789,m,0.1,0.2,\nnothing,,1,,,none\n"
 
 
 class Ended(NamedTuple):
