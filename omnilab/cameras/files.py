@@ -10,6 +10,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+from omnilab.atomic_files import write_whole
 from omnilab.cameras.base import RayCamera
 from omnilab.cameras.formats import camodocal, kalibr, opencv, pyocamcalib
 from omnilab.cameras.formats.camera_json import MODELS, camera_of
@@ -32,7 +33,8 @@ def save_camera(camera: RayCamera, path: Path | str) -> None:
     if MODELS.get(name) is not type(camera):
         raise ConfigError(f"a {name} cannot be written to {path}; a file can hold one of {', '.join(sorted(MODELS))}")
     settings = asdict(camera)  # type: ignore[call-overload]  # cameras are frozen dataclasses
-    Path(path).write_text(json.dumps({"model": name, **settings}, indent=1) + "\n", encoding="utf-8")
+    text = json.dumps({"model": name, **settings}, indent=1) + "\n"
+    write_whole(Path(path), lambda out: out.write(text.encode()))
 
 
 def load_camera(

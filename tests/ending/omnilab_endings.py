@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import signal
 import sys
 import time
@@ -49,6 +50,8 @@ def ends(how: str) -> None:
         case "twice":
             ends("SIGINT")
             ends("SIGINT")
+        case "vanish":
+            shutil.rmtree("logs")
         case "fill":  # the whole disk
             with suppress(OSError), Path("logs/filler").open("wb", buffering=0) as filler:
                 while True:

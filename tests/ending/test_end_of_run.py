@@ -128,6 +128,15 @@ def test_a_study_names_no_file_elsewhere_and_none_of_the_runs_own(tmp_path, name
     assert [path.name for path in tmp_path.iterdir()] == ["logs"]
 
 
+def test_a_folder_that_is_removed_under_the_run(endings, tmp_path):
+    result = endings("study.how=vanish")
+    assert (result.rc, "Traceback" in result.stderr) == (2, False)
+    assert "precious" in result.stdout
+    assert "metrics.csv, table.csv, extra.txt and 4 more could not be written into" in result.stderr
+    assert "status.json could not be written (No such file or directory)" in result.stderr
+    assert not (tmp_path / "logs").exists()
+
+
 # ------------------------------------------------------------------------------------------------------- a full disk
 @pytest.fixture
 def no_file_longer_than() -> Iterator[Any]:

@@ -96,8 +96,7 @@ def test_a_table_of_a_sweep_that_cannot_be_written_is_printed_whole(endings, tmp
     result = endings("-m", "study.value=1,2", f"hydra.sweep.dir={sweep}")
     assert result.rc == 2
     whole = [line.split() for line in result.stdout.partition("the whole table")[2].splitlines()]
-    assert ["0", "endings", "1", "done", "1"] in whole
-    assert ["1", "endings", "2", "done", "2"] in whole
+    assert [(line[0], line[-3:]) for line in whole[-2:]] == [("0", ["1", "done", "1"]), ("1", ["2", "done", "2"])]
     assert "cannot be written (Is a directory), so the whole table was printed" in check_sentence(result.stderr)
 
 

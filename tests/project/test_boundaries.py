@@ -33,7 +33,7 @@ MAY_IMPORT = {
     "metrics": {"api", "errors", "geometry"},
     "posegraph": {"api", "errors", "file_kinds", "geometry"},
     "trajectory": {"api", "errors", "file_kinds", "geometry", "posegraph"},
-    "cameras": {"api", "errors", "file_kinds", "geometry"},
+    "cameras": {"api", "atomic_files", "errors", "file_kinds", "geometry"},
     "image": {"api", "errors", "cameras"},
     "": {"api", "hooks", "renamed"},
     "runner": {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -31,7 +32,8 @@ def reserve(folder: Path) -> None:
 
 def release(folder: Path) -> None:
     """Leave most of the room to the results, of which the metrics are the first."""
-    os.truncate(folder / RESERVED, LEAST)
+    with suppress(OSError):  # they may find room without it
+        os.truncate(folder / RESERVED, LEAST)
 
 
 def write_status(folder: Path, status: str, **more: Any) -> None:

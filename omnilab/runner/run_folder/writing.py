@@ -86,7 +86,7 @@ class RunFolder:
         """
         if self._log is not None:
             status_file.release(self.folder)
-        taken = {path.name for path in self.folder.iterdir()}
+        taken = {path.name for path in self.folder.iterdir()} if self.folder.is_dir() else set()  # or it was removed
         for name, write in _results(report, warnings):
             self.attempt(name, lambda name=name, write=write: write(self._new_file(name, taken)))  # type: ignore[misc]
         for name, save in (others or {}).items():
@@ -114,7 +114,8 @@ class RunFolder:
             raise
         except BaseException as error:  # also a figure that would end the process costs no other file
             self.missing[name] = error
-            log.info("%s could not be written", name, exc_info=error)
+            why = error.strerror if isinstance(error, OSError) else type(error).__name__
+            log.info("%s could not be written (%s)", name, why, exc_info=not isinstance(error, OSError))
 
     def check(self) -> None:
         """Raise what kept files from being written, if any are missing: a DataError if that was the disk."""

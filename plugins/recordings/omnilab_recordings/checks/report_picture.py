@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from omnilab.api import Bytes, Camera, RecordedPoses
+from omnilab.atomic_files import write_whole
 from omnilab.geometry import heading_of
 from omnilab.image import panorama
 from omnilab_recordings.checks.handedness import Handedness
@@ -44,7 +46,9 @@ def write_report_picture(file: Path, sensor: Folder, level: float | None, found:
         _show(axes, image)
         axes.set_title(Path(name).name[-22:], fontsize=7)
         axes.axis("off")
-    figure.savefig(file, dpi=110)
+    picture = io.BytesIO()
+    figure.savefig(picture, dpi=110, format=file.suffix[1:] or "png")
+    write_whole(file, lambda out: out.write(picture.getbuffer()))
 
 
 def _samples(sensor: Folder) -> tuple[list[Bytes], list[str], Camera]:
