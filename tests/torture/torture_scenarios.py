@@ -49,7 +49,7 @@ class Scenario:
 
     def prepare(self, folder: Path) -> None:
         """A folder in which the command can be given."""
-        folder.mkdir(parents=True)
+        folder.mkdir(parents=True, exist_ok=True)  # it may be a disk of its own
         torture_promises.plant(folder)
         for argv, fault in self.before:
             run(folder, *argv, fault=fault)
@@ -101,6 +101,6 @@ SCENARIOS = {
         Scenario("render", RENDER),
         Scenario("render_again", RENDER, [(RENDER, Fault("kill", 60))]),
         Scenario("repair", ("repair", "logs/latest"), [(MAP, KILLED)]),
-        Scenario("repeat", ("repeat", "logs/latest"), [(MAP, None)]),
+        Scenario("repeat", ("repeat", "maps/latest"), [((*MAP, "logs=maps"), None)]),
     )
 }
