@@ -26,12 +26,16 @@ def kill(number: int, rng: Random, here: Path) -> Iterator[str]:
     fault = Fault("kill", rng.randint(1, len(scenario.operations)), torn=rng.random() < 0.5)
     scenario.prepare(here)
     ended = scenario.start(here, fault=fault).wait()
+    if ended.code != -signal.SIGKILL:  # it was a process of the command's that was killed
+        yield from within(scenario, fault, ended, promises.sentences(ended))
     yield from within(scenario, fault, ended, _after_kill(scenario, here, _last_ns(ended)))
 
 
 def instant(number: int, rng: Random, here: Path) -> Iterator[str]:
     """SIGKILL at any instant, of the process or of its group."""
-    scenario = Scenario("endless", ENDLESS) if number % 2 else _nth(["sweep", "render", "map"], number // 2)
+    scenario = (
+        Scenario("endless", ENDLESS) if number % 2 else _nth(["sweep", "render", "map", "render_parallel"], number // 2)
+    )
     scenario.prepare(here)
     command = scenario.start(here)
     command.runs(rng.uniform(0.1, 12))
@@ -47,7 +51,7 @@ def _after_kill(scenario: Scenario, here: Path, killed_ns: int) -> Iterator[str]
     promises.plant_in_dataset(here)
     planted = promises.planted(here)
     yield from promises.torn_files(here)
-    yield from promises.listing(here, "killed", "done")
+    yield from promises.listing(here, "killed", "done", "failed")
     yield from promises.wrong_metrics(here, scenario.metrics)
     yield from promises.mended_logs(here, killed_ns)
     again = run(here, *scenario.command)
@@ -56,7 +60,7 @@ def _after_kill(scenario: Scenario, here: Path, killed_ns: int) -> Iterator[str]
     elif scenario.is_experiment:
         yield from promises.differences(promises.results(here), scenario.results)
     yield from promises.torn_files(here)
-    yield from promises.listing(here, "killed", "done")
+    yield from promises.listing(here, "killed", "done", "failed")
     for path in sorted(planted - promises.planted(here)):
         yield f"the user's {path} was touched"
 

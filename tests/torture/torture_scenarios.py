@@ -100,6 +100,7 @@ SCENARIOS = {
         Scenario("localize", LOCALIZE, [((*MAP, "logs=maps"), None)]),
         Scenario("render", RENDER),
         Scenario("render_again", RENDER, [(RENDER, Fault("kill", 60))]),
+        Scenario("render_parallel", (*RENDER, "study.step_m=0.4", "study.processes=2")),
         Scenario("repair", ("repair", "logs/latest"), [(MAP, KILLED)]),
         Scenario("repeat", ("repeat", "maps/latest"), [((*MAP, "logs=maps"), None)]),
     )
