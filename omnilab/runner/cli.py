@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 import argparse
-import ast
 import inspect
+import json
 import re
 import sys
-import textwrap
-from collections.abc import Sequence
-from dataclasses import Field, fields
+from collections.abc import Iterator, Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 from omnilab import hooks
 from omnilab.api import KINDS
 from omnilab.errors import ConfigError, DataError, OmnilabError, did_you_mean, of_machine, visible
 from omnilab.runner.interrupts import uninterrupted
-from omnilab.runner.registry import Registry, discover
+from omnilab.runner.manual import settings_data, settings_of
+from omnilab.runner.registry import Component, Registry, discover
 from omnilab.runner.repair import mend, mend_copy
 from omnilab.runner.run_folder import UNREADABLE, LoadedRun, find_runs, load_run, new_folder_name
 from omnilab.runner.streams import unwritten
 from omnilab.runner.terminal import headline, print_error, print_table, short, show_run
+
+LIMITS_OFF = "limits=off"
 
 HELP = """\
 omnilab: experiments in omnidirectional vision.
@@ -39,7 +39,7 @@ A component's settings: omnilab plugins NAME. The whole configuration: omnilab e
 def main(argv: Sequence[str] | None = None) -> None:
     """Run a command; a user's mistake is one line and exit code 2, a bug is a traceback."""
     argv = list(sys.argv[1:] if argv is None else argv)
-    code: Any
+    code: object
     try:
         code = _dispatch(argv)
     except (OmnilabError, OSError, MemoryError) as error:
@@ -124,9 +124,15 @@ def plugins(argv: list[str]) -> int:
     """List every component there is, failures last; or show the manual of those that are named."""
     parser = argparse.ArgumentParser("omnilab plugins", description=plugins.__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help="show the manual and the settings of this component")
+    parser.add_argument(
+        "--json", action="store_true", help="as data: of those that are named, or of all and of the run"
+    )
     parser.add_argument("-v", "--verbose", action="store_true", help="show the tracebacks of plugins that failed")
     options = parser.parse_args(argv)
     registry = discover()
+    if options.json:
+        _print_data(options.names, registry)
+        return 0
     if options.names:
         _print_manuals(options.names, registry)
         return 0
@@ -159,6 +165,32 @@ def _print_manuals(names: Sequence[str], registry: Registry) -> None:
     from rich.text import Text
 
     console = Console(highlight=False, soft_wrap=True)
+    for component in _of_names(names, registry):
+        title = f"{component.kind}={component.name}"
+        console.print(Text.assemble((title, "bold"), "  ", (visible(component.plugin.title), "dim")))
+        console.print(inspect.cleandoc(component.cls.__doc__ or "(no docstring)") + "\n", markup=False)
+        for line in settings_of(component.cls):
+            console.print(f"    {line}", markup=False)
+
+
+def _print_data(names: Sequence[str], registry: Registry) -> None:
+    """Components with their settings, as JSON; without names all there are, and before them the run's own settings."""
+    from omnilab.runner.config import Settings
+
+    chosen = _of_names(names, registry) if names else registry.components.values()
+    found = [(c.kind, c.name, c.plugin.distribution, c.cls) for c in chosen]
+    if not names:
+        found.insert(0, ("run", "run", "omnilab", Settings))
+    data = [
+        {"kind": kind, "name": name, "distribution": distribution,
+         "manual": inspect.cleandoc(cls.__doc__ or ""), "settings": settings_data(cls)}
+        for kind, name, distribution, cls in found
+    ]  # fmt: skip
+    sys.stdout.write(json.dumps(data, indent=1, allow_nan=False) + "\n")
+
+
+def _of_names(names: Sequence[str], registry: Registry) -> Iterator[Component]:
+    """The components that are called so, of any kind; ConfigError for a name that none has."""
     for name in names:
         found = [c for c in registry.components.values() if name in {c.name, c.formerly}]
         if not found and name in _experiments():
@@ -172,36 +204,7 @@ def _print_manuals(names: Sequence[str], registry: Registry) -> None:
                 + did_you_mean(name, known)
                 + registry.failed
             )
-        for component in found:
-            title = f"{component.kind}={component.name}"
-            console.print(Text.assemble((title, "bold"), "  ", (visible(component.plugin.title), "dim")))
-            console.print(inspect.cleandoc(component.cls.__doc__ or "(no docstring)") + "\n", markup=False)
-            for line in settings_of(component.cls):
-                console.print(f"    {line}", markup=False)
-
-
-def settings_of(cls: type) -> list[str]:
-    """A line for each of a component's settings: name, type and default, its range, the comment in its source."""
-    wanted = {field.name: field for field in fields(cls)}
-    lines: dict[str, str] = {}
-    for owner in (c for c in reversed(cls.__mro__) if "__dataclass_fields__" in vars(c)):
-        source = textwrap.dedent(inspect.getsource(owner))
-        for node in ast.parse(source).body[0].body:  # type: ignore[attr-defined]
-            if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) and node.target.id in wanted:
-                lines[node.target.id] = _setting_line(wanted[node.target.id], node, source.splitlines())
-    return list(lines.values())
-
-
-def _setting_line(field: Field[Any], node: ast.AnnAssign, source: Sequence[str]) -> str:
-    assert node.end_lineno is not None
-    value = node.value
-    if isinstance(value, ast.Call) and ast.unparse(value.func) == "setting" and value.args:
-        value = value.args[0]
-    declared = f"{field.name}: {ast.unparse(node.annotation)}" + (f" = {ast.unparse(value)}" if value else "")
-    comment = source[node.end_lineno - 1].encode()[node.end_col_offset :].decode().partition("#")[2].strip()
-    interval = field.metadata["range"].interval if "range" in field.metadata else ""
-    rest = "; ".join(part for part in (comment, interval) if part)
-    return f"{declared}  # {rest}" if rest else declared
+        yield from found
 
 
 def runs(argv: list[str]) -> int:
@@ -235,6 +238,7 @@ def repeat(argv: list[str]) -> int:
         action="store_true",
         help="open files and folders that the run names though they are not those it read",
     )
+    parser.add_argument("limits", nargs="?", choices=[LIMITS_OFF], help="try what the machine may be too small for")
     options = parser.parse_args(argv)
     from omnilab.runner.build import again
     from omnilab.runner.config import Settings, logs_folder
@@ -252,7 +256,7 @@ def repeat(argv: list[str]) -> int:
     if not re.fullmatch(r"[\w-]+(/[\w-]+)*", name):
         raise DataError(f"{first.folder / 'manifest.json'} names the experiment '{name}', which is no name; correct it")
     cache = first.config.get("cache") and Settings.cache
-    ours = {"logs": options.logs, "cache": cache, "cache_gb": Settings.cache_gb}  # never as a file says
+    ours = {"logs": options.logs, "cache": cache, "cache_gb": Settings.cache_gb, "limits": options.limits is None}  # never as a file says
     folder = Path(logs_folder(options.logs)) / name / new_folder_name()
     known = None if options.trust else _digests(first)
     run = again(first.config | ours, first.manifest, registry, folder, known)

@@ -24,6 +24,7 @@ class Settings:
     threads: int = setting(
         1, at_least=1, at_most=256
     )  # of each matrix product: results are only the same bit for bit with the same number
+    limits: bool = True  # refuse work beyond the memory and disk that are free, or of more than a day; off: try it
     logs: str = setting("logs", writes=True)  # where run folders go
     cache: str | None = setting(
         "cache", writes=True

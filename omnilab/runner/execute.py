@@ -18,6 +18,7 @@ from omegaconf import OmegaConf
 
 from omnilab.api import KINDS, Parts, Report, Text, is_cached
 from omnilab.errors import OmnilabError, of_machine
+from omnilab.limits import limited
 from omnilab.runner.boundaries import check_report, ending, guard
 from omnilab.runner.config import Run, named_components, resolved, resolved_yaml
 from omnilab.runner.console_sink import Console
@@ -56,7 +57,7 @@ def execute(
             cache = _cache(run)
             try:
                 with recorder, pinned(run.threads):
-                    with signals.heard(recorder.interrupt):
+                    with signals.heard(recorder.interrupt), limited(run.limits):
                         report = _studied(run, registry, cache, recorder)
                     _write(report, run, registry, run_folder, recorder, show)
                     if not run_folder.missing:

@@ -13,6 +13,7 @@ from typing import Any, Self, TypeVar
 
 from omnilab import image
 from omnilab.api import Image, Progress, Record, Sink, Text, Tick
+from omnilab.limits import Pace
 
 T = TypeVar("T")
 log = logging.getLogger("omnilab")
@@ -90,13 +91,17 @@ class Recorder:
             raise KeyboardInterrupt
 
     def track(self, items: Iterable[T], stage: str, total: int, size: Callable[[Any], int] = len) -> Iterator[T]:
-        """Pass `items` on, telling the sinks after each how far the stage is (`size` of an item counts its parts)."""
-        done = 0
+        """Pass `items` on, telling the sinks after each how far the stage is (`size` of an item counts its parts).
+
+        ConfigError if it turns out that the stage takes longer than a run should (`omnilab.limits`).
+        """
+        done, pace = 0, Pace(stage, total)
         self.log("progress", Progress(stage, done, total))
         for item in items:
             yield item
             done += size(item)
             self.log("progress", Progress(stage, done, total))
+            pace.add(size(item))
 
     @contextmanager
     def timed(self, stage: str, count: int = 1) -> Iterator[None]:

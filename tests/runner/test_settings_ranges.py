@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
+import json
 import math
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from enum import Enum
 from pathlib import Path
-from typing import Any
+from types import NoneType
+from typing import Any, get_type_hints
 
 import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
 from omnilab.api import RandomPoses, check_settings, setting
-from omnilab.api.settings import LARGEST, LARGEST_COUNT, Range, ranges_of
+from omnilab.api.settings import LARGEST, LARGEST_COUNT, Range, _types, out_of_range, ranges_of
 from omnilab.errors import ConfigError, DataError
 from omnilab.runner.build import build
-from omnilab.runner.cli import settings_of
 from omnilab.runner.config import Run, Settings
+from omnilab.runner.manual import settings_data, settings_of
 from omnilab.runner.registry import discover
 from omnilab_appearance import Radon
 from omnilab_mirror import Mirror
-from omnilab_studies import MapStudy
+from omnilab_studies import MapStudy, Render
 
 WORLD = str(Path(__file__).parents[1] / "box_world.yaml")
 NAN, INF = math.nan, math.inf
@@ -152,6 +156,38 @@ def test_whole_numbers_of_components_have_a_limit_below_which_libraries_count() 
     assert undeclared == [], "declare the range of a count: setting(DEFAULT, at_least=...)"
 
 
+def with_inner(where: str, cls: type[Any]) -> Iterator[tuple[str, type[Any]]]:
+    """A class of settings, and those of its settings that have settings of their own."""
+    yield where, cls
+    for name, hint in get_type_hints(cls).items():
+        if name in {f.name for f in fields(cls)} and is_dataclass(hint):
+            yield from with_inner(f"{where}.{name}", hint)
+
+
+def test_every_setting_that_may_be_a_number_declares_its_range_and_its_default_is_within() -> None:
+    numbers, others = {int, float, Any}, {str, bool, NoneType}
+    roots = {f"{c.kind}={c.name}": c.cls for c in discover("").components.values()} | {"run": Settings}
+    classes = [found for root in roots.items() for found in with_inner(*root)]
+    assert len(classes) > len(roots)
+    undeclared, outside = [], []
+    for where, cls in classes:
+        hints, defaults = get_type_hints(cls), {f.name: f.default for f in fields(cls)}
+        kinds = {f.name: set(_types(hints[f.name])) for f in fields(cls)}
+        undeclared += [
+            f"{where}.{f.name}" for f in fields(cls) if kinds[f.name] & numbers and "range" not in f.metadata
+        ]
+        outside += [wrong for wrong in [out_of_range(cls, defaults, f"{where}.")] if wrong]
+        assert all(
+            kind & numbers or kind <= others or all(map(is_enum_or_class, kind - others)) for kind in kinds.values()
+        )
+    assert undeclared == [], "declare what it may be: setting(DEFAULT, above=0, at_most=...)"
+    assert outside == []
+
+
+def is_enum_or_class(kind: Any) -> bool:
+    return isinstance(kind, type) and (issubclass(kind, Enum) or is_dataclass(kind))
+
+
 # ------------------------------------------------------------------------------------------------- the command line
 SMALL = ["experiment=quickstart", f"sensor.world={WORLD}", "sensor.size=32", "sensor.samples=1", "sinks=null"]
 
@@ -215,7 +251,67 @@ def test_the_manual_shows_ranges(omnilab_here) -> None:
     assert "setting(" not in out
 
 
+def test_settings_are_data_for_a_form(omnilab_here) -> None:
+    """Of every component and of the run: name, type, unit, default, comment, range."""
+    found = json.loads(omnilab_here("plugins", "--json").stdout)
+    registry = discover("")
+    assert [(c["kind"], c["name"]) for c in found[1:]] == [(c.kind, c.name) for c in registry.components.values()]
+    run = {s["name"]: s for s in found[0]["settings"]}
+    assert run["limits"]["default"] is True
+    radon, grid = json.loads(omnilab_here("plugins", "radon", "grid", "--json").stdout)
+    offsets = next(s for s in radon["settings"] if s["name"] == "offsets")
+    assert offsets["comment"] == "samples across the image circle"
+    assert (offsets["type"], offsets["default"], offsets["unit"], offsets["required"]) == ("int", 173, None, False)
+    assert (offsets["range"]["lowest"], offsets["range"]["highest"], offsets["range"]["whole"]) == (4, 4096, True)
+    step = next(s for s in grid["settings"] if s["name"] == "step_m")
+    assert step["unit"] == "m"
+    assert (step["range"]["lowest"], step["range"]["above"], step["range"]["highest"]) == (None, 0, LARGEST)
+    assert step["range"]["allowed"] == "a number above 0, or null"
+    assert next(s for s in grid["settings"] if s["name"] == "queries")["choices"] == ["random", "rest"]
+
+
+def test_settings_within_settings_and_those_without_a_default_are_data_too() -> None:
+    found = {s["name"]: s for s in settings_data(Example)}
+    assert found["endless"]["range"]["highest"] is None
+    assert found["inner"]["settings"][0]["range"]["allowed"] == "a whole number of 2 or more"
+    assert (found["inner"]["default"], found["plain"]["range"]) == ({"count": 3}, None)
+    folder = next(s for s in settings_data(Render) if s["name"] == "folder")
+    assert (folder["required"], folder["default"]) == (True, None)
+
+
 # ------------------------------------------------------------------------------------------------ work that is too large
+def test_work_beyond_the_memory_that_is_free_is_done_where_it_is_asked_for_and_a_file_asks_for_nothing(
+    omnilab_here, monkeypatch
+) -> None:
+    tiny = [*SMALL[:-1], "descriptor=tiny_image", "study.step_m=1.5", "study.query_count=4", "cache=off"]
+    monkeypatch.setattr("omnilab.limits.free_memory", lambda: 1000.0)
+    refused = omnilab_here(*tiny)
+    assert refused.rc == 2
+    assert refused.stderr.strip().endswith("MB are free; give a larger step_m or a smaller extent_m, or limits=off to try it all the same")  # fmt: skip
+    assert omnilab_here(*tiny, "limits=off").rc == 0
+    run = str(Path("logs/latest").resolve())
+    assert omnilab_here("repeat", run).rc == 2
+    repeated = omnilab_here("repeat", run, "limits=off")
+    assert (repeated.rc, repeated.stderr.strip()[-12:]) == (0, "bit for bit")
+
+
+def test_images_that_do_not_fit_onto_the_disk_are_refused_after_the_first_ones(omnilab_here, monkeypatch) -> None:
+    render = [
+        "experiment=render",
+        *SMALL[1:],
+        "study.folder=set",
+        "study.layout=random",
+        "study.count=130",
+        "cache=off",
+    ]
+    monkeypatch.setattr("omnilab.limits.free_disk", lambda _: 5000.0)
+    refused = omnilab_here(*render)
+    assert refused.rc == 2
+    assert "66 images take at least" in refused.stderr
+    assert "0.005 MB are free in set; give fewer, or a folder with more room, or limits=off" in refused.stderr
+    assert omnilab_here(*render, "limits=off").rc == 0  # and goes on with it
+
+
 def test_images_that_do_not_fit_into_memory_are_refused_before_the_work() -> None:
     with pytest.raises(ConfigError, match=r"batch=4096 images of 8192 x 8192 pixels .*; give batch=32 or less"):
         Mirror(world=WORLD, size=8192, batch=4096)

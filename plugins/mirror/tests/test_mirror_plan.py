@@ -180,3 +180,26 @@ def test_a_world_is_prepared_once_and_what_was_prepared_goes_with_it():
     del world
     gc.collect()
     assert texels() is None
+
+
+# ------------------------------------------------------------------------------------------------ work that is too large
+@pytest.mark.parametrize(("settings", "free", "told"), [
+    ({"size": 256, "samples": 4}, 5e7, r"rays of an image of 256 x 256 pixels, 4 a pixel, take at least 52.4 MB of memory, and 50 MB are free; give a smaller image"),
+    ({"size": 1024, "color": True, "depth": True, "batch": 16}, 1e8, r"16 images of 1024 x 1024 pixels at once take at least 0.117 GB of memory, and 0.1 GB are free; .* smaller sensor.batch"),
+    ({"size": 8192, "samples": 1024, "batch": 1}, 1e15, r"20 images of 8192 x 8192 pixels with sensor.samples=1024 take at least .* hours of time"),
+])  # fmt: skip
+def test_images_beyond_memory_and_time_are_refused_before_the_first(write, small, monkeypatch, settings, free, told):
+    sensor = Mirror(world=write(small), **settings)
+    plan = Plan(["a"] * 20, np.tile(sensor.plan(GridPoses(step_m=1.0)).T_world_camera[:1], (20, 1, 1)))
+    monkeypatch.setattr("omnilab.limits.free_memory", lambda: free)
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
+    monkeypatch.setattr("omnilab.limits.LONGEST_S", 6000)
+    with pytest.raises(ConfigError, match=told):
+        next(sensor.frames(plan))
+
+
+def test_a_grid_that_is_too_fine_is_refused_with_its_nodes_memory_and_hours(monkeypatch):
+    monkeypatch.setattr("os.cpu_count", lambda: 4)
+    sensor = Mirror()
+    with pytest.raises(ConfigError, match=r"the 4.8e\+09 nodes of a grid of 8 x 6 m with step_m=0.0001 \(all their images: 417 hours or more\) take at least 1.2e\+03 GB"):  # fmt: skip
+        sensor.plan(GridPoses(step_m=0.0001))

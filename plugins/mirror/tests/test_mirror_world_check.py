@@ -332,5 +332,5 @@ def test_a_grid_of_too_many_nodes_is_refused(write):
     from omnilab.api import GridPoses
 
     file = write("v 0 0 0\nv 4999 0 0\nv 4999 4999 0\nv 0 4999 0\nf 1 2 3 4\n", "field.obj")
-    with pytest.raises(DataError, match=r"nodes, up to 4000000 are tried; give a larger step_m"):
+    with pytest.raises(ConfigError, match=r"nodes of a grid of .* GB are free; give a larger step_m"):
         Mirror(world=file).plan(GridPoses(step_m=0.1))

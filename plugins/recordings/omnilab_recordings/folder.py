@@ -91,7 +91,9 @@ class Folder:
     names: str | None = None  # poses by names instead: a regular expression with named groups, or a preset's name
     spacing_m: float | None = setting(None, above=0)  # with names: between columns and rows; null: the preset's
     columns: int | None = setting(None, at_least=1)  # with names that only count: images in a row; null: the preset's
-    lowest_m: float | None = None  # with names that count levels: height of the lowest; null: the preset's, or 0
+    lowest_m: float | None = setting(
+        None, at_least=-1e6, at_most=1e6
+    )  # with names that count levels: height of the lowest; null: the preset's, or 0
     height_step_m: float | None = setting(
         None, above=0
     )  # with names that count levels: between two; null: the preset's
@@ -101,12 +103,16 @@ class Folder:
     entry: str | None = None  # which camera of a calibration with several, such as cam1
     distortion: str | None = None  # of OpenCV's files that do not say: radtan (pinhole) or equidistant (fisheye)
     panorama: Panorama | None = None  # equirectangular or strip: the files are panoramas, their middle is the front
-    circle_px: list[float] | None = None  # cx, cy, radius and, if need be, inner radius in the files; null: found
+    circle_px: list[float] | None = setting(
+        None, at_least=-1e6, at_most=1e6
+    )  # cx, cy, radius and, if need be, inner radius in the files; null: found
     sky_inside: bool = False  # the horizon is crossed inwards: the sky is at the centre
     blank_outside: bool = False  # set what lies off the circle's ring to 0
     mask: str | None = None  # image of the same size, below the folder: where it is dark, all images are set to 0
     mirrored: bool = False  # azimuth runs clockwise in the files
-    turned_deg: float = 0.0  # azimuth in the picture, once flipped, of the direction that yaw_deg speaks of
+    turned_deg: float = setting(
+        0.0, at_least=-1e6, at_most=1e6
+    )  # azimuth in the picture, once flipped, of the direction that yaw_deg speaks of
     color: bool = False  # RGB instead of grey
     exif_orientation: bool = True  # turn pictures as their EXIF tags say, as viewers do; or take the pixels as stored
     bits: int | None = setting(

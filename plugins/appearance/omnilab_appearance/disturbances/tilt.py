@@ -23,7 +23,9 @@ class Tilt:
     """
 
     angle_deg: float = setting(5.0, at_least=-180, at_most=180)  # of the lean
-    axis_deg: float | None = None  # azimuth of the axis in the camera frame; null: drawn for each image
+    axis_deg: float | None = setting(
+        None, at_least=-1e6, at_most=1e6
+    )  # azimuth of the axis in the camera frame; null: drawn for each image
 
     def __post_init__(self) -> None:
         check_settings(self)

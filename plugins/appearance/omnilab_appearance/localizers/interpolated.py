@@ -35,7 +35,9 @@ class Interpolated:
     that position. The answered place, its distance and the heading are those of `nearest`.
     """
 
-    neighbours: int = setting(9, at_least=2)  # places interpolated between; all, where the map has fewer
+    neighbours: int = setting(
+        9, at_least=2, at_most=10_000
+    )  # places interpolated between; all, where the map has fewer
 
     def __post_init__(self) -> None:
         check_settings(self)

@@ -9,8 +9,10 @@ import numpy as np
 
 from omnilab.api import Floats
 from omnilab.cameras import CentralCamera, RayCamera
+from omnilab.limits import check_work
 from omnilab_mirror.render.tracer import BLOCK, TILE, Cones
 
+RAY_BYTES = 200  # while rays are made, at least
 NO_CONE = (-2.0, 2.0)  # a tile that spans more than a half-space may see anything
 
 
@@ -26,6 +28,11 @@ class Rays(NamedTuple):
 @lru_cache(maxsize=4)
 def rays_of(camera: RayCamera, samples: int) -> Rays:
     """The rays of a camera with `samples` = n x n points in each pixel."""
+    check_work(
+        f"the rays of an image of {camera.width} x {camera.height} pixels, {samples} a pixel,",
+        "give a smaller image, or fewer sensor.samples",
+        memory=RAY_BYTES * samples * camera.width * camera.height,
+    )
     n = int(np.sqrt(samples))
     offset = (np.arange(n) + 0.5) / n - 0.5
     v, u, dv, du = np.meshgrid(np.arange(camera.height), np.arange(camera.width), offset, offset, indexing="ij")

@@ -44,16 +44,16 @@ class BrownConrady(VirtualCamera):
     height: int = setting(240, at_least=8, at_most=16_384)  # pixels
     fx: float = setting(200.0, above=0)  # focal length along u in pixels
     fy: float = setting(200.0, above=0)  # and along v
-    cx: float = 159.5  # where the axis meets the image, in pixels
-    cy: float = 119.5  # pixels
-    k1: float = -0.2  # distortion along the radius, by its square
-    k2: float = 0.03  # by its fourth power
-    p1: float = 0.0  # distortion aside, mostly along v
-    p2: float = 0.0  # mostly along u
-    k3: float = 0.0  # by the sixth power of the radius
-    k4: float = 0.0  # of the rational model: by its square, below the line
-    k5: float = 0.0  # by its fourth power
-    k6: float = 0.0  # and by its sixth
+    cx: float = setting(159.5, at_least=-1e6, at_most=1e6)  # where the axis meets the image, in pixels
+    cy: float = setting(119.5, at_least=-1e6, at_most=1e6)  # pixels
+    k1: float = setting(-0.2)  # distortion along the radius, by its square
+    k2: float = setting(0.03)  # by its fourth power
+    p1: float = setting(0.0)  # distortion aside, mostly along v
+    p2: float = setting(0.0)  # mostly along u
+    k3: float = setting(0.0)  # by the sixth power of the radius
+    k4: float = setting(0.0)  # of the rational model: by its square, below the line
+    k5: float = setting(0.0)  # by its fourth power
+    k6: float = setting(0.0)  # and by its sixth
     looks: str = "ahead"  # or up, down
 
     @property
@@ -107,13 +107,13 @@ class KannalaBrandt(VirtualCamera):
     height: int = setting(250, at_least=8, at_most=16_384)  # pixels
     fx: float = setting(79.0, above=0)  # pixels along u for each radian from the axis, near it
     fy: float = setting(79.0, above=0)  # and along v
-    cx: float = 124.5  # where the axis meets the image, in pixels
-    cy: float = 124.5  # pixels
-    k1: float = -0.02  # by the third power of the angle to the axis
-    k2: float = 0.005  # by its fifth power
-    k3: float = 0.0  # by its seventh
-    k4: float = 0.0  # by its ninth
-    skew: float = 0.0  # pixels of u for each radian along v
+    cx: float = setting(124.5, at_least=-1e6, at_most=1e6)  # where the axis meets the image, in pixels
+    cy: float = setting(124.5, at_least=-1e6, at_most=1e6)  # pixels
+    k1: float = setting(-0.02)  # by the third power of the angle to the axis
+    k2: float = setting(0.005)  # by its fifth power
+    k3: float = setting(0.0)  # by its seventh
+    k4: float = setting(0.0)  # by its ninth
+    skew: float = setting(0.0, at_least=-1e6, at_most=1e6)  # pixels of u for each radian along v
     looks: str = "up"  # or down, ahead
     rim_px: float | None = setting(124.5, above=0)  # radius of the circle that shows the world; null: all there is
 
@@ -134,14 +134,14 @@ class Unified(VirtualCamera):
     height: int = setting(250, at_least=8, at_most=16_384)  # pixels
     fx: float = setting(40.0, above=0)  # focal length along u in pixels
     fy: float = setting(40.0, above=0)  # and along v
-    cx: float = 124.5  # where the axis meets the image, in pixels
-    cy: float = 124.5  # pixels
+    cx: float = setting(124.5, at_least=-1e6, at_most=1e6)  # where the axis meets the image, in pixels
+    cy: float = setting(124.5, at_least=-1e6, at_most=1e6)  # pixels
     xi: float = setting(0.9, at_least=0)  # 0: a pinhole; 1: a parabolic mirror
-    skew: float = 0.0  # pixels of u for each unit of y
-    k1: float = 0.0  # distortion along the radius, by its square
-    k2: float = 0.0  # and by its fourth power
-    p1: float = 0.0  # distortion aside, mostly along v
-    p2: float = 0.0  # mostly along u
+    skew: float = setting(0.0, at_least=-1e6, at_most=1e6)  # pixels of u for each unit of y
+    k1: float = setting(0.0)  # distortion along the radius, by its square
+    k2: float = setting(0.0)  # and by its fourth power
+    p1: float = setting(0.0)  # distortion aside, mostly along v
+    p2: float = setting(0.0)  # mostly along u
     looks: str = "down"  # or up, ahead
     rim_px: float | None = setting(
         124.5, above=0

@@ -17,7 +17,7 @@ class Cylindrical(VirtualCamera):
     height: int = setting(128, at_least=8, at_most=16_384)  # pixels
     lowest_deg: float = setting(-38.0, above=-90, below=90)  # elevation of the bottom edge
     highest_deg: float = setting(38.0, above=-90, below=90)  # elevation of the top edge
-    start_deg: float = 180.0  # azimuth of column 0: ahead is in the middle
+    start_deg: float = setting(180.0, at_least=-1e6, at_most=1e6)  # azimuth of column 0: ahead is in the middle
     clockwise: bool = True  # azimuth falls along the columns, as a viewer inside sees it
 
     @property
@@ -36,7 +36,7 @@ class Equirectangular(VirtualCamera):
     height: int = setting(256, at_least=8, at_most=16_384)  # pixels
     lowest_deg: float = setting(-90.0, at_least=-90, at_most=90)  # elevation of the bottom edge
     highest_deg: float = setting(90.0, at_least=-90, at_most=90)  # elevation of the top edge
-    start_deg: float = 180.0  # azimuth of column 0: ahead is in the middle
+    start_deg: float = setting(180.0, at_least=-1e6, at_most=1e6)  # azimuth of column 0: ahead is in the middle
     clockwise: bool = True  # azimuth falls along the columns, as a viewer inside sees it
 
     @property

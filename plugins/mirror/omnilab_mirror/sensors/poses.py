@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from omnilab.api import Floats, GridPoses, NamedPath, PathPoses, PoseRequest, RandomPoses, RecordedPoses
 from omnilab.errors import DataError, did_you_mean
 from omnilab.geometry import planar_poses
+from omnilab.limits import check_work, hours
 from omnilab_mirror.render.free_space import obstacles
 from omnilab_mirror.scene.world import World
 
 MOST_POSES = 1_000_000  # drawn at random
-MAX_NODES = 4_000_000  # of a grid
+NODE_BYTES = 250  # of a grid's node, at least: its pose, its key, the points that are tried
 
 
-def poses_of(layout: PoseRequest, world: World, height_m: float, on_floor: bool) -> tuple[Floats, list[str]]:
+def poses_of(
+    layout: PoseRequest, world: World, height_m: float, on_floor: bool, image_s: float = 0.0
+) -> tuple[Floats, list[str]]:
     """`T_world_camera` (N, 4, 4) of a layout, and what was left out with its reason.
 
-    `on_floor`: the poses of grids and random layouts keep clear of furniture below them, too.
+    `on_floor`: the poses of grids and random layouts keep clear of furniture below them, too. `image_s`: seconds that an
+    image takes at least, for the sentence about a grid that is too large.
     """
     if isinstance(layout, RecordedPoses):
         raise DataError("a virtual sensor has recorded nothing; ask it for random poses, a grid with step_m or a path")
@@ -29,24 +35,31 @@ def poses_of(layout: PoseRequest, world: World, height_m: float, on_floor: bool)
     height = height_m if layout.height_m is None else layout.height_m
     if isinstance(layout, RandomPoses):
         return _random(layout, world, extent, height, on_floor), []
+    _check_grid(layout, extent, image_s)
     return _grid(layout, world, extent, height, on_floor)
+
+
+def _check_grid(layout: GridPoses, extent: tuple[float, float], image_s: float) -> None:
+    """DataError for a grid without a step; ConfigError for one that does not fit into memory."""
+    if layout.step_m is None or not layout.step_m > 0:
+        raise DataError(
+            f"a virtual sensor needs a grid's step_m above 0, not {layout.step_m}; give step_m, and no 'every'"
+        )
+    count = math.prod(side / layout.step_m + 1 for side in extent)
+    check_work(
+        f"the {count:.3g} nodes of a grid of {extent[0]:g} x {extent[1]:g} m with step_m={layout.step_m:g} (all their"
+        f" images: {hours(count * image_s)} or more)",
+        "give a larger step_m or a smaller extent_m",
+        memory=count * NODE_BYTES,
+    )
 
 
 def _grid(
     layout: GridPoses, world: World, extent: tuple[float, float], height: float, on_floor: bool
 ) -> tuple[Floats, list[str]]:
     """Both ends of the extent included where the step divides it, row by row, x fastest."""
-    if layout.step_m is None or not layout.step_m > 0:
-        raise DataError(
-            f"a virtual sensor needs a grid's step_m above 0, not {layout.step_m}; give step_m, and no 'every'"
-        )
-    count = np.prod([side / layout.step_m + 1 for side in extent])
-    if not count <= MAX_NODES:
-        raise DataError(
-            f"a grid of {extent[0]:g} x {extent[1]:g} m with step_m={layout.step_m:g} has {count:.3g} nodes, up to"
-            f" {MAX_NODES} are tried; give a larger step_m or a smaller extent_m"
-        )
-    x, y = (-side / 2 + layout.step_m * np.arange(int(side / layout.step_m + 1e-6) + 1) for side in extent)
+    step_m = layout.step_m or math.nan  # checked before
+    x, y = (-side / 2 + step_m * np.arange(int(side / step_m + 1e-6) + 1) for side in extent)
     points = np.array([(px, py, height) for py in y for px in x])
     found = obstacles(world, points, on_floor)
     omitted = [f"x={p[0]:.2f} y={p[1]:.2f}: {why}" for p, why in zip(points, found, strict=True) if why]

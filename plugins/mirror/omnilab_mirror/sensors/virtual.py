@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from omnilab.api import Floats, Frames, Mesh, Plan, PoseRequest, check_settings,
 from omnilab.cameras import RayCamera
 from omnilab.cameras.plausibility import check_sees
 from omnilab.errors import ConfigError, DataError
+from omnilab.limits import check_work
 
 if TYPE_CHECKING:
     from omnilab_mirror.scene.world import World  # which loads the textures
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
 RENDERER_VERSION = 1  # part of the keys: raise it when the same world and pose give another picture
 FRAME_NS = 100_000_000
 MOST_PIXELS = 2**31  # of a batch
+RAY_S = 5e-9  # of one processor for one ray, at least
 
 
 @dataclass
@@ -32,7 +35,7 @@ class VirtualCamera(ABC):
     variant: str | None = None  # of the world: one that its file names, with another light or other objects
     color: bool = False  # RGB rather than grey
     samples: int = setting(4, at_least=1, at_most=1024)  # rays a pixel: 1, 4, 9, ... against jagged edges
-    height_m: float = 1.0  # of the viewpoint, where a layout gives none
+    height_m: float = setting(1.0, at_least=-1e6, at_most=1e6)  # of the viewpoint, where a layout gives none
     on_floor: bool = True  # a robot carries the camera: grids and random poses keep clear of furniture below, too
     batch: int = setting(64, at_least=1, at_most=4096)  # images rendered at once
     depth: bool = False  # also how far each pixel sees
@@ -66,7 +69,7 @@ class VirtualCamera(ABC):
         from omnilab_mirror.sensors.poses import poses_of
 
         world = self._world()
-        T_world_camera, omitted = poses_of(layout, world, self.height_m, self.on_floor)
+        T_world_camera, omitted = poses_of(layout, world, self.height_m, self.on_floor, self._image_s)
         return Plan(self._keys(world.digest, T_world_camera), T_world_camera, omitted)
 
     def frames(self, plan: Plan) -> Iterator[Frames]:
@@ -76,6 +79,7 @@ class VirtualCamera(ABC):
         from omnilab_mirror.render.render import depth_of, render
 
         world, camera = self._world(), self.camera
+        self._check_images(len(plan))
         for start in range(0, len(plan), self.batch):
             index = np.arange(start, min(start + self.batch, len(plan)))
             T_world_camera = plan.T_world_camera[index]
@@ -99,6 +103,19 @@ class VirtualCamera(ABC):
     def imaged_world(self) -> tuple[str, str]:
         """The world's name, and a digest of its content and variant."""
         return Path(self.world).stem, self._world().digest
+
+    @property
+    def _image_s(self) -> float:
+        """Seconds that an image takes at least, with all processors."""
+        return RAY_S * self.samples * self.camera.width * self.camera.height / (os.cpu_count() or 1)
+
+    def _check_images(self, count: int) -> None:
+        """ConfigError if so many images are too much."""
+        width, height, at_once = self.camera.width, self.camera.height, min(self.batch, count)
+        each = width * height * ((3 if self.color else 1) + (4 if self.depth else 0))
+        what, with_ = f"images of {width} x {height} pixels", f"sensor.samples={self.samples}"
+        check_work(f"{at_once} {what} at once", "give smaller ones, or a smaller sensor.batch", memory=at_once * each)
+        check_work(f"{count} {what} with {with_}", "give fewer or smaller ones", seconds=count * self._image_s)
 
     def _world(self) -> World:
         from omnilab_mirror.scene.load import load_world

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -33,6 +33,7 @@ from omnilab.image import to_gray, view_of
 from omnilab_studies.altitude import figures
 from omnilab_studies.altitude.layout import layout_of
 from omnilab_studies.altitude.results import AltitudeCase, AltitudeResults, HeightEstimates, markdown_of
+from omnilab_studies.common.describing import check_views
 from omnilab_studies.common.disturbance_levels import check_levels, levels_of
 from omnilab_studies.common.frames import disturbed
 from omnilab_studies.common.image_columns import (
@@ -62,7 +63,7 @@ class Altitude:
     """
 
     recorded: bool = False  # the columns of a recording, all of them, rather than virtual ones
-    positions_m: list[Any] | None = None  # [[x, y], ...] of virtual columns; null: random ones
+    positions_m: list[Any] | None = setting(None)  # [[x, y], ...] of virtual columns; null: random ones
     position_count: int = setting(
         7, at_least=1, at_most=1_000_000
     )  # random columns; of the 14 in the thesis, half in each of its two worlds
@@ -73,7 +74,7 @@ class Altitude:
         None, at_least=1
     )  # or which image of a column, 1 the lowest; null: by references_m
     range_m: float = setting(1.0, above=0)  # around the reference, where lines are fitted
-    levels: dict[str, dict[str, list[Any]]] = field(default_factory=dict)  # of a disturbance: {setting: [values]}
+    levels: dict[str, dict[str, list[Any]]] = setting({})  # of a disturbance: {setting: [values]}
 
     needs: ClassVar[tuple[str, ...]] = ("sensor",)
     cached: ClassVar[bool] = False  # it measures time
@@ -170,7 +171,11 @@ def _altimeters(parts: Parts) -> Mapping[str, Altimeter]:
 def _images(parts: Parts, plan: Plan, columns: Sequence[Column]) -> Iterator[tuple[int, Frames]]:
     """Every column's number and its images in grey, from the lowest; DataError if one is missing."""
     for number, column in enumerate(columns):
-        batches = list(parts.sensor.frames(plan.at(column.index)))
+        batches: list[Frames] = []
+        for frames in parts.sensor.frames(plan.at(column.index)):
+            batches.append(frames)
+            if len(batches) == 1:
+                check_views(frames.images, len(column.index))
         if omitted := [sentence for frames in batches for sentence in frames.omitted]:
             raise DataError(f"{column} lacks an image: {omitted[0]}; replace it, or leave the column out")
         first = batches[0]

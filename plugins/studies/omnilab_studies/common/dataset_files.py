@@ -21,6 +21,7 @@ from omnilab.atomic_files import PART, is_process, write_whole
 from omnilab.cameras import ImageCircle, RayCamera, save_camera
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of
+from omnilab.limits import check_work
 from omnilab.trajectory.columns import MATRIX, POSITION
 from omnilab.trajectory.files import tum_text
 
@@ -52,6 +53,17 @@ class DataSet:
             return self.image(n).stat().st_size > 0
         except FileNotFoundError:
             return False
+
+    def check_room(self, written: Ints, count: int) -> None:
+        """ConfigError if the disk has no room for what is missing of `count` frames, by the size of those written (n,)."""
+        missing = count - sum(1 for _ in (self.folder / "images").iterdir())
+        sizes = [self.image(n).stat().st_size + self._depth_bytes(n) for n in written.tolist()]
+        if sizes and missing > 0:
+            disk = missing * sum(sizes) / len(sizes) / 2  # some images are smaller than others
+            check_work(f"{missing} images", "give fewer, or a folder with more room", disk=disk, folder=self.folder)
+
+    def _depth_bytes(self, n: int) -> int:
+        return self.depth(n).stat().st_size if self.depth(n).exists() else 0
 
     def open(self, contents: Mapping[str, Any], defaults: Mapping[str, Any] | None = None) -> None:
         """Begin a data set of these contents, or go on with one; DataError if the folder holds anything else.

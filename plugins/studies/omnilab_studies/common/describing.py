@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from omnilab.api import (
+    Bytes,
     Descriptor,
     Floats,
     Frames,
@@ -24,6 +25,7 @@ from omnilab.api import (
 from omnilab.cameras.base import not_too_steep
 from omnilab.errors import DataError, PluginError
 from omnilab.image import view_of
+from omnilab.limits import check_work
 from omnilab_studies.common.frames import deliver
 
 
@@ -39,13 +41,38 @@ def describe(descriptor: Descriptor, frames: Frames, record: Recorder) -> Signat
             raise PluginError(f"{error} (image number {error.item} is {frames.keys[error.item]})") from None
 
 
+def check_signatures(like: Signatures, count: int, what: str) -> None:
+    """ConfigError if so many signatures like these do not fit into memory."""
+    each = like.nbytes / max(1, len(like))
+    check_work(
+        f"the signatures of {count} {what}, {each:.3g} bytes each,",
+        f"give fewer {what} (a larger step, a smaller area), or a smaller descriptor",
+        memory=count * each,
+    )
+
+
+def check_views(like: Bytes, count: int) -> None:
+    """ConfigError if so many views like these (N, H, W[, 3]) do not fit into memory."""
+    memory = count * like.nbytes / max(1, len(like))
+    check_work(
+        f"{count} images of {like.shape[2]} x {like.shape[1]} pixels at once",
+        "give fewer places (a larger step, a smaller area), or smaller images",
+        memory=memory,
+    )
+
+
 def fitted(parts: Parts, plan: Plan, record: Recorder) -> Parts:
     """The parts with a descriptor that can describe: a trainable one is trained on the plan's frames."""
     trainable = parts.descriptor
     if not isinstance(trainable, Trainable):
         return parts
     frames = deliver(parts, plan, record, "fit")
-    views = np.concatenate([view_of(f.images, f.camera, trainable.view, trainable.color) for f in frames])
+    found: list[Bytes] = []
+    for batch in frames:
+        found.append(view_of(batch.images, batch.camera, trainable.view, trainable.color))
+        if len(found) == 1:
+            check_views(found[0], len(plan))
+    views = np.concatenate(found)
     with record.timed("fit", len(views)):
         descriptor = trainable.fit(views)
     return replace(parts, descriptor=descriptor)
@@ -99,5 +126,6 @@ def provenance_of(frames: Frames, sensor: Sensor) -> Provenance:
 
 def _empty(like: Signatures, count: int) -> Signatures:
     """Memory for all places at once, so that a large map is never there twice."""
+    check_signatures(like, count, "places")
     heading = None if like.heading is None else np.empty((count, *like.heading.shape[1:]), like.heading.dtype)
     return Signatures(np.empty((count, *like.place.shape[1:]), like.place.dtype), heading)

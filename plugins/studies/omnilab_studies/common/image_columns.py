@@ -12,8 +12,10 @@ import numpy as np
 from omnilab.api import Floats, Ints, PathPoses, Plan, RandomPoses, Sensor
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses
+from omnilab.limits import check_work
 from omnilab_studies.common.scores import known_poses
 
+POSE_BYTES = 150  # of a pose (4, 4), and of its position
 TOGETHER_M = 0.05  # positions that are one column, and heights that are the same
 
 
@@ -92,6 +94,9 @@ def columns_in(plan: Plan) -> list[Column]:
 def column_poses(positions_m: Sequence[Sequence[float]], heights_m: Sequence[float]) -> Floats:
     """`T_world_camera` (N, 4, 4) over each floor position (x, y), from the lowest of [low, high, step] to the highest."""
     low, high, step = heights_m
+    count = len(positions_m) * ((high - low) / step + 1)
+    what = f"the {count:.3g} poses of {len(positions_m)} columns with heights_m={list(heights_m)}"
+    check_work(what, "give a larger step of the heights", memory=POSE_BYTES * count)
     heights = low + step * np.arange(int((high - low) / step + 1e-6) + 1)
     return planar_poses(np.array([(x, y, z) for x, y in positions_m for z in heights]))
 

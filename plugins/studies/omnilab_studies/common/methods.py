@@ -10,6 +10,7 @@ import numpy as np
 
 from omnilab.api import Descriptor, Distance, Frames, Parts, Plan, Recorder, Signatures
 from omnilab.errors import ConfigError, DataError
+from omnilab.limits import check_work
 from omnilab_studies.common.describing import describe, fitted
 from omnilab_studies.common.samples import evenly
 
@@ -90,6 +91,15 @@ def joined_signatures(batches: Sequence[Signatures]) -> Signatures:
     headings = [batch.heading for batch in batches if batch.heading is not None]
     return Signatures(
         np.concatenate([batch.place for batch in batches]), np.concatenate(headings) if headings else None
+    )
+
+
+def check_comparisons(queries: int, places: int) -> None:
+    """ConfigError if the distances of all queries to all places do not fit into memory."""
+    check_work(
+        f"the distances of {queries} images to {places}",
+        "give fewer queries, or fewer places (a larger step, a smaller area)",
+        memory=4 * queries * places,
     )
 
 

@@ -10,7 +10,9 @@ import numpy as np
 
 from omnilab.api import Floats, Frames, Ints, Recorder, Signatures
 from omnilab.errors import DataError
-from omnilab_studies.common.methods import Method, describe_all, joined_signatures, prepared
+from omnilab.limits import check_work
+from omnilab_studies.common.describing import check_signatures
+from omnilab_studies.common.methods import Method, check_comparisons, describe_all, joined_signatures, prepared
 from omnilab_studies.common.scores import known_poses, warn_of_equal_signatures
 from omnilab_studies.local_maps.embedders import pairwise_distances
 
@@ -25,15 +27,20 @@ class DescribedImages:
 
 
 def describe_images(
-    methods: Sequence[Method], batches: Iterable[Frames], what: str, record: Recorder
+    methods: Sequence[Method], batches: Iterable[Frames], total: int, what: str, record: Recorder
 ) -> DescribedImages:
-    """Describe every image once by each descriptor of the methods; DataError if there is no image, or no pose."""
+    """Describe every one of `total` images once by each descriptor of the methods.
+
+    DataError if there is no image, or no pose; ConfigError if their signatures do not fit into memory.
+    """
     parts: dict[str, list[Signatures]] = {method.descriptor_name: [] for method in methods}
     position_m: list[Floats] = []
     keys: list[str] = []
     omitted: list[str] = []
     for frames in batches:
         for name, signatures in describe_all(methods, frames, record).items():
+            if not parts[name]:
+                check_signatures(signatures, total, what)
             parts[name].append(signatures)
         position_m.append(known_poses(frames.T_world_camera, what)[:, :3, 3])
         keys += frames.keys
@@ -56,6 +63,11 @@ class Candidates:
 
     def pairwise_distances(self, method: Method, count: int, first: int | None = None) -> Floats:
         """Distances (Q, count + 1, count + 1) among `count` candidates and, last, their query; of the `first` queries."""
+        check_work(
+            f"the distances among the {count} candidates of {len(self.nearest[:first])} queries",
+            "give fewer study.neighbours or a smaller study.query_count",
+            memory=8 * (count + 1) ** 2 * len(self.nearest[:first]),
+        )
         places = self.places.signatures[method.descriptor_name]
         queries = self.queries.signatures[method.descriptor_name]
         return np.stack(
@@ -79,6 +91,7 @@ def find_candidates(
     retrieval: Method, places: DescribedImages, queries: DescribedImages, count: int, record: Recorder
 ) -> Candidates:
     """The `count` places that are most alike to each query by the retrieval method."""
+    check_comparisons(len(queries.position_m), len(places.position_m))
     index = prepared(retrieval, places.signatures[retrieval.descriptor_name], rotated=True)
     start = time.perf_counter()
     with record.timed("search", len(queries.position_m)):

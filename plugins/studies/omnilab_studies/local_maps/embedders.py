@@ -8,7 +8,7 @@ import numpy as np
 
 from omnilab.api import Embedder, Embedding, Floats, Parts, Signatures
 from omnilab.errors import ConfigError, DataError
-from omnilab_studies.common.methods import Method
+from omnilab_studies.common.methods import Method, check_comparisons
 
 STATES = 40  # intermediate states of an embedding, that are shown
 
@@ -45,6 +45,7 @@ def embed_from_seeds(embedder: Embedder, distance: Floats, seeds: Iterable[int])
 
 def pairwise_distances(method: Method, signatures: Signatures) -> Floats:
     """Distances (n, n) among signatures, averaged over both directions, 0 on the diagonal; DataError for NaN or infinity."""
+    check_comparisons(3 * len(signatures), len(signatures))  # in single precision and in double
     index = method.distance.prepare(signatures)
     found = method.distance.match(signatures, index).distance.astype(np.float64)
     if not np.isfinite(found).all():

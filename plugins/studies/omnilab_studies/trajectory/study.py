@@ -61,7 +61,9 @@ class TrajectoryStudy:
     jitter: float = setting(
         0.0, at_least=0, below=0.5
     )  # each pose is moved along the path, by up to this share of a step
-    height_m: float | None = None  # of the viewpoint on a path of the world; null: the sensor's own
+    height_m: float | None = setting(
+        None, at_least=-1e6, at_most=1e6
+    )  # of the viewpoint on a path of the world; null: the sensor's own
     alignment: Alignment = Alignment.sim2  # with the truth: none, first, se2, se3, sim2 or sim3
     same_place_m: float | None = setting(
         None, above=0

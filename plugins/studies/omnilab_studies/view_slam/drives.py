@@ -10,12 +10,14 @@ import numpy as np
 from omnilab.api import Bools, Floats, Ints, check_settings, setting
 from omnilab.errors import ConfigError
 from omnilab.geometry import wrap_angle
+from omnilab.limits import check_work
 from omnilab.posegraph.graph import between, moved
 from omnilab_studies.view_slam.scenarios import Scenario
 
 GAP_RAD = (
     0.5  # standard deviation of the turn in a step that odometry has missed; of its translation: the step's length
 )
+SEEN_BYTES, WALL_BYTES = 26, 16  # of a view at a step, at least: kept of it, and while a wall is looked past
 
 
 class Drive(NamedTuple):
@@ -77,6 +79,16 @@ class Drives:
             far & clear,
             wrong,
         )
+
+    def drives(self, scenario: Scenario, views: int, base: int, seeds: int) -> list[Drive]:
+        """A drive of each seed; ConfigError if they do not fit into memory."""
+        seen = self.laps * len(scenario.lap) * views  # a view at a step
+        check_work(
+            f"{seeds} drives of {self.laps} laps with {views} views",
+            "give fewer study.seeds, study.drives.laps or views",
+            memory=seen * (SEEN_BYTES * seeds + WALL_BYTES * len(scenario.walls_m)),
+        )
+        return [self.drive(scenario, views, np.random.default_rng([base, k])) for k in range(seeds)]
 
     def _path(self, scenario: Scenario, rng: np.random.Generator) -> Floats:
         """Lap after lap, back to the start; with halts."""

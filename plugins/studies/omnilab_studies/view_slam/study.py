@@ -42,7 +42,9 @@ class ViewSlam:
     path: str = "two_rooms"  # of the world, by its name; or a file of poses (.txt, .tum: TUM's format; .csv)
     every_m: float = setting(0.05, above=0)  # an image on a path so often
     every_rad: float = setting(0.05, above=0)  # and whenever the robot has rotated so far
-    height_m: float | None = None  # of the viewpoint on a path of the world; null: the sensor's own
+    height_m: float | None = setting(
+        None, at_least=-1e6, at_most=1e6
+    )  # of the viewpoint on a path of the world; null: the sensor's own
     keep: str | None = setting(
         None, writes=True
     )  # folder for the first filter's views: images, and the poses that they were mapped at

@@ -39,7 +39,7 @@ class Joint:
     extent_m: list[float] | None = setting(
         None, above=0, count=2
     )  # x and y size of the grid; null: all that the sensor covers
-    height_m: float = 0.6  # of the map
+    height_m: float = setting(0.6, at_least=-1e6, at_most=1e6)  # of the map
     offsets_m: list[float] = setting([-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.5], fewest=1)  # of the queries
     query_count: int = setting(60, at_least=1, at_most=1_000_000)  # at each height
 

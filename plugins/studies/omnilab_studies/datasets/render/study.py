@@ -89,8 +89,8 @@ class Render:
     extent_m: list[float] | None = setting(
         None, above=0, count=2
     )  # x and y size of the area; null: all that the sensor covers
-    height_m: float | None = None  # of the viewpoint; null: the sensor's own
-    positions_m: list[Any] | None = None  # [[x, y], ...] of columns; null: the world's origin
+    height_m: float | None = setting(None, at_least=-1e6, at_most=1e6)  # of the viewpoint; null: the sensor's own
+    positions_m: list[Any] | None = setting(None)  # [[x, y], ...] of columns; null: the world's origin
     heights_m: list[float] | None = setting(None, count=3)  # [lowest, highest, step] of columns; null: [0.1, 2.0, 0.1]
     path: str | None = None  # of the world, by its name; or a file (.txt, .tum: TUM's format; .csv: with a header)
     count: int | None = setting(None, at_least=1, at_most=1_000_000)  # of random poses; null: 100
@@ -157,6 +157,8 @@ class Render:
         """Render what is missing of a plan, and write the camera as soon as it is known."""
         with closing(render_plan(job, plan, self.processes)) as parts:
             for part in record.track(parts, "images", len(plan)):
+                if not rendered.parts:
+                    job.data.check_room(part.numbers, len(plan))
                 if rendered.camera is None and part.camera is not None:
                     record.log("log", Text(job.data.write_camera(part.camera)))
                 rendered.add(part)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -51,10 +51,10 @@ class Views:
     depth of its pixels (`sensor.depth=true`) also gives the point cloud that an RGB-D camera would.
     """
 
-    poses: list[Any] = field(default_factory=lambda: [list(pose) for pose in FIGURE_3_10])  # see above
+    poses: list[Any] = setting(FIGURE_3_10)  # see above
     panoramas: bool = True  # also unwrap the images
     cloud_points: int = setting(
-        50_000, at_least=1
+        50_000, at_least=1, at_most=50_000_000
     )  # at most so many points of each view go into the logs and the figure
 
     needs: ClassVar[tuple[str, ...]] = ("sensor",)

@@ -26,7 +26,7 @@ from omnilab.metrics import distances_to, first_alike, is_flat, spacing, tie_dis
 from omnilab_studies.common.frames import deliver, deliver_queries
 from omnilab_studies.common.grids import check_step_or_every, grid_poses
 from omnilab_studies.common.logs import start_logs
-from omnilab_studies.common.methods import Method, descriptors_of, key_of, methods_of, prepared
+from omnilab_studies.common.methods import Method, check_comparisons, descriptors_of, key_of, methods_of, prepared
 from omnilab_studies.common.pose_sources import random_poses
 from omnilab_studies.common.scores import check_apart
 from omnilab_studies.common.tables import columns_of, markdown
@@ -54,11 +54,13 @@ class Cost:
     )  # of the grid of places; null: take `every` n-th row and column of a recording
     every: int | None = setting(None, at_least=2)  # 2: even rows and even columns; the rest are the queries
     query_count: int = setting(200, at_least=1, at_most=1_000_000)  # how many random queries, where step_m is given
-    repeats: int = setting(3, at_least=1)  # comparisons of all queries with the map, of which the fastest counts
+    repeats: int = setting(
+        3, at_least=1, at_most=10_000
+    )  # comparisons of all queries with the map, of which the fastest counts
     extent_m: list[float] | None = setting(
         None, above=0, count=2
     )  # x and y size of the grid; null: all that the sensor covers
-    height_m: float | None = None  # of the viewpoint; null: the sensor's own
+    height_m: float | None = setting(None, at_least=-1e6, at_most=1e6)  # of the viewpoint; null: the sensor's own
 
     needs: ClassVar[tuple[str, ...]] = ("sensor",)
     cached: ClassVar[bool] = False  # a cached signature takes no time
@@ -89,9 +91,9 @@ class Cost:
     ) -> tuple[TimedImages, TimedImages, list[str]]:
         """Places and queries, in every view that a descriptor wants; and what was left out."""
         plan, grid = parts.sensor.plan(self._query_poses(rng)), parts.sensor.plan(self._grid())
-        places = TimedImages.of(deliver(parts, grid, record, "places"), descriptors, record)
+        places = TimedImages.of(deliver(parts, grid, record, "places"), len(grid), descriptors, record)
         batches = deliver_queries(parts, plan, record, int(rng.integers(2**32)))
-        queries = TimedImages.of(batches, descriptors, record)
+        queries = TimedImages.of(batches, len(plan), descriptors, record)
         return places, queries, [*grid.omitted, *places.omitted, *plan.omitted, *queries.omitted]
 
     def _compare(
@@ -120,6 +122,7 @@ class Cost:
 
     def _row(self, method: Method, described: TimedSignatures, places: TimedImages, queries: TimedImages) -> Row:
         """One method's line of the table; DataError if the distance cannot compare such signatures."""
+        check_comparisons(len(described.queries), len(described.places))
         method.distance.match(described.queries[slice(1)], prepared(method, described.places))  # the warm-up
         index, prepare_s = timed(lambda: method.distance.prepare(described.places))
         runs = [timed(lambda: method.distance.match(described.queries, index)) for _ in range(self.repeats)]

@@ -11,6 +11,7 @@ import numpy as np
 from omnilab.api import Bytes, Descriptor, Floats, Frames, Recorder, Signatures, Tick, Trainable
 from omnilab.errors import DataError
 from omnilab.image import view_of
+from omnilab_studies.common.describing import check_views
 from omnilab_studies.common.logs import show_picture
 from omnilab_studies.common.methods import joined_signatures, settings_of
 from omnilab_studies.common.scores import known_poses
@@ -31,8 +32,10 @@ class TimedImages:
     omitted: Sequence[str]
 
     @classmethod
-    def of(cls, batches: Iterable[Frames], descriptors: Mapping[str, Descriptor], record: Recorder) -> TimedImages:
-        """The views of all frames of the batches; DataError if there are none, or no poses."""
+    def of(
+        cls, batches: Iterable[Frames], total: int, descriptors: Mapping[str, Descriptor], record: Recorder
+    ) -> TimedImages:
+        """The views of all frames of the batches, `total` of them; DataError if there are none, or no poses."""
         wanted = {(descriptor.view, descriptor.color) for descriptor in descriptors.values()}
         views: dict[View, list[Bytes]] = {view: [] for view in wanted}
         seconds = dict.fromkeys(wanted, 0.0)
@@ -43,6 +46,8 @@ class TimedImages:
                 show_picture(record, frames, 0, Tick(int(frames.plan_index[0]), int(frames.stamps_ns[0])))
             for view in wanted:
                 seen, spent = timed(partial(view_of, frames.images, frames.camera, *view))
+                if not views[view]:
+                    check_views(seen, total)
                 views[view].append(seen)
                 seconds[view] += spent
             poses.append(known_poses(frames.T_world_camera, "images")[:, :3, 3])

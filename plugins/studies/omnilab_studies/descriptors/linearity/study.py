@@ -26,11 +26,13 @@ from omnilab.api import (
 )
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import planar_poses
+from omnilab_studies.common.describing import check_signatures
 from omnilab_studies.common.frames import deliver
 from omnilab_studies.common.grids import grid_poses
 from omnilab_studies.common.logs import show_picture, start_logs
 from omnilab_studies.common.methods import (
     Method,
+    check_comparisons,
     describe_all,
     descriptors_of,
     fitted_all,
@@ -63,14 +65,14 @@ class Linearity:
     step_m: float = setting(0.1, above=0)  # of the grid
     reach_m: float = setting(2.2, above=0)  # length of the lines
     references: int = setting(
-        24, at_least=1
+        24, at_least=1, at_most=1_000_000
     )  # places that lines start from, drawn at random; each has one to four lines
     every: int | None = setting(None, at_least=1)  # of a recording, whose every n-th row and column are step_m apart
     random_headings: bool = False  # at every place; only for sensors that image any pose
     extent_m: list[float] | None = setting(
         None, above=0, count=2
     )  # x and y size of the grid; null: all that the sensor covers
-    height_m: float | None = None  # of the viewpoint; null: the sensor's own
+    height_m: float | None = setting(None, at_least=-1e6, at_most=1e6)  # of the viewpoint; null: the sensor's own
     show: int = setting(50, at_least=0)  # images that go into the logs
 
     needs: ClassVar[tuple[str, ...]] = ("sensor",)
@@ -137,6 +139,8 @@ class Linearity:
         every = max(1, -(-len(plan) // self.show)) if self.show > 0 else len(plan) + 1
         for frames in deliver(parts, plan, record, "images"):
             for name, described in describe_all(methods, frames, record).items():
+                if not batches[name]:
+                    check_signatures(described, len(plan), "images")
                 batches[name].append(described)
             delivered.append(frames.plan_index)
             keys += frames.keys
@@ -168,6 +172,7 @@ class Linearity:
     def _curve(self, method: Method, signatures: Signatures, lines: Ints, record: Recorder) -> Curve:
         """Mean and variance over the lines (A, n + 1); DataError if the distance cannot compare such signatures."""
         references, row = np.unique(lines[:, 0], return_inverse=True)
+        check_comparisons(len(references), len(signatures))
         index = prepared(method, signatures)
         with record.timed("compare", len(references) * len(signatures)):
             field = method.distance.match(signatures[references], index).distance

@@ -60,7 +60,7 @@ class Resolution:
     query_count: int = setting(
         500, at_least=1, at_most=1_000_000
     )  # queries of each kind of headings, evenly over the map's area
-    height_m: float | None = None  # of the viewpoint; null: the sensor's own
+    height_m: float | None = setting(None, at_least=-1e6, at_most=1e6)  # of the viewpoint; null: the sensor's own
     settings: list[str] = field(default_factory=lambda: ["offsets", "angles"])  # two of the descriptor; angles last
     sizes: list[list[int]] = setting([list(size) for size in THESIS], at_least=1, fewest=1)  # values, largest first
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -57,8 +57,8 @@ class Robustness:
     heading_steps: int | None = setting(
         None, at_least=1, at_most=1_000_000
     )  # headings are multiples of 360/heading_steps degrees; null: any heading
-    height_m: float | None = None  # of the viewpoint; null: the sensor's own
-    levels: dict[str, dict[str, list[Any]]] = field(default_factory=dict)  # of a disturbance: {setting: [values]}
+    height_m: float | None = setting(None, at_least=-1e6, at_most=1e6)  # of the viewpoint; null: the sensor's own
+    levels: dict[str, dict[str, list[Any]]] = setting({})  # of a disturbance: {setting: [values]}
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "localizer", "disturbances")
     cached: ClassVar[bool] = False  # it measures time

@@ -53,13 +53,15 @@ class LocalMap:
     """
 
     steps_m: list[float] = setting([0.1, 0.2, 0.3, 0.4], above=0, fewest=1)  # of the grids of places
-    neighbours: list[int] = setting([9, 25, 49], at_least=3, fewest=1)  # places in a map
+    neighbours: list[int] = setting([9, 25, 49], at_least=3, at_most=10_000, fewest=1)  # places in a map
     query_count: int = setting(500, at_least=1, at_most=1_000_000)  # random queries, at any heading
-    starts: int = setting(4, at_least=1)  # maps of each query, each from a start of its own and scored apart
+    starts: int = setting(
+        4, at_least=1, at_most=10_000
+    )  # maps of each query, each from a start of its own and scored apart
     extent_m: list[float] | None = setting(
         None, above=0, count=2
     )  # x and y size of the grids; null: all that the sensor covers
-    height_m: float | None = None  # of the viewpoint; null: the sensor's own
+    height_m: float | None = setting(None, at_least=-1e6, at_most=1e6)  # of the viewpoint; null: the sensor's own
     show: int = setting(4, at_least=1)  # queries whose map is shown as it settles
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "descriptor", "distance", "localizers")
@@ -78,7 +80,7 @@ class LocalMap:
 
         shown: list[tuple[Frames, int]] = []
         frames = keep_first(deliver_queries(query_parts, query_plan, record, int(seed)), shown, self.show)
-        queries = describe_images([retrieval, *methods], frames, "queries", record)
+        queries = describe_images([retrieval, *methods], frames, len(query_plan), "queries", record)
 
         runs = LocalMapRuns(embedders, np.array(starts), record)
         omitted = [*queries.omitted, *(sentence for grid in grids.values() for sentence in grid.omitted)]
@@ -117,7 +119,7 @@ class LocalMap:
     ) -> DescribedImages:
         """The places of one step; DataError if too few could be delivered."""
         frames = deliver(parts, grid, record, f"places, {step_m:g} m")
-        places = describe_images(methods, frames, "places", record)
+        places = describe_images(methods, frames, len(grid), "places", record)
         self._check_neighbours(step_m, len(places.position_m))
         return places
 

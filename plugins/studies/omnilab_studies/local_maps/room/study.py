@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,13 +28,15 @@ class Room(LocalMap):
     """
 
     steps_m: list[float] = setting([0.2], above=0, fewest=1)  # of a virtual map
-    neighbours: list[int] = setting([9], at_least=3, fewest=1)  # places in a map
+    neighbours: list[int] = setting([9], at_least=3, at_most=10_000, fewest=1)  # places in a map
     query_count: int = setting(13, at_least=1, at_most=1_000_000)  # within the map
-    starts: int = setting(50, at_least=1)  # maps of each query, each from a start of its own and scored apart
+    starts: int = setting(
+        50, at_least=1, at_most=10_000
+    )  # maps of each query, each from a start of its own and scored apart
     side: int = setting(8, at_least=2, at_most=1000)  # places along x and along y
     center_m: list[float] = setting([0.0, 0.0], count=2)  # the map is the free square nearest to it
     every: int | None = setting(None, at_least=1)  # 1: all that was recorded; null: virtual
-    tests: dict[str, Any] = field(default_factory=dict)  # settings of the sensor of recorded queries; none: the rest
+    tests: dict[str, Any] = setting({})  # settings of the sensor of recorded queries; none: the rest
 
     def __post_init__(self) -> None:
         super().__post_init__()

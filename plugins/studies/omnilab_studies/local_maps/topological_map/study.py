@@ -57,11 +57,13 @@ class TopologicalMap:
     """
 
     steps_m: list[float] = setting([0.1, 0.3, 0.5], above=0, fewest=1)  # of the grids
-    nodes: list[int] = setting([22, 11], at_least=2, count=2)  # at most, along x and y
+    nodes: list[int] = setting([22, 11], at_least=2, at_most=10_000, count=2)  # at most, along x and y
     center_m: list[float] = setting([0.0, 0.0], count=2)  # the grid with the fewest gaps nearest to it
-    links: list[int] = setting([0, 8], at_least=0, fewest=1)  # most alike images that count; 0: all of them do
+    links: list[int] = setting(
+        [0, 8], at_least=0, at_most=1_000_000, fewest=1
+    )  # most alike images that count; 0: all of them do
     random_headings: bool = False  # turn the camera at every node; only for sensors that image any pose
-    height_m: float | None = None  # of the viewpoint; null: the sensor's own
+    height_m: float | None = setting(None, at_least=-1e6, at_most=1e6)  # of the viewpoint; null: the sensor's own
     show: int = setting(20, at_least=0)  # images of each grid that go into the logs
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "localizers")
@@ -83,7 +85,7 @@ class TopologicalMap:
         omitted: list[str] = []
         for step_m, grid in grids.items():
             frames = deliver(parts, grid, record, f"images, {step_m:g} m")
-            images = describe_images(methods, self._shown(frames, len(grid), record), "images", record)
+            images = describe_images(methods, self._shown(frames, len(grid), record), len(grid), "images", record)
             runs.run(step_m, images, methods)
             omitted += images.omitted
         if not runs.results:

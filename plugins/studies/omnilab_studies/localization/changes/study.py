@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -56,7 +56,7 @@ class Changes:
     interval.
     """
 
-    conditions: dict[str, dict[str, Any]] = field(default_factory=dict)  # name: {setting of the sensor: value}
+    conditions: dict[str, dict[str, Any]] = setting({})  # name: {setting of the sensor: value}
     step_m: float | None = setting(
         0.2, above=0
     )  # of the grid of places; null: take `every` n-th row and column of a recording
@@ -64,7 +64,7 @@ class Changes:
     extent_m: list[float] | None = setting(
         None, above=0, count=2
     )  # x and y size of the grid; null: all that the sensor covers
-    height_m: float | None = None  # of the viewpoint; null: the sensor's own
+    height_m: float | None = setting(None, at_least=-1e6, at_most=1e6)  # of the viewpoint; null: the sensor's own
     queries: Source = Source.random  # or recorded
     query_count: int = setting(200, at_least=1, at_most=1_000_000)  # of each condition
     heading_step_deg: float | None = setting(

@@ -69,7 +69,7 @@ class Grid:
     extent_m: list[float] | None = setting(
         None, above=0, count=2
     )  # x and y size of the grid; null: all that the sensor covers
-    height_m: float | None = None  # of the viewpoint; null: the sensor's own
+    height_m: float | None = setting(None, at_least=-1e6, at_most=1e6)  # of the viewpoint; null: the sensor's own
     show: int = setting(100, at_least=0)  # queries whose images go into the logs; the numbers of all of them do
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "descriptor", "distance", "localizer")

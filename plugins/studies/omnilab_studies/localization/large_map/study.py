@@ -29,7 +29,7 @@ from omnilab.api import (
     setting,
 )
 from omnilab.errors import ConfigError
-from omnilab_studies.common.describing import describe, describe_places, fitted
+from omnilab_studies.common.describing import check_signatures, describe, describe_places, fitted
 from omnilab_studies.common.frames import deliver_queries
 from omnilab_studies.common.logs import show_frame, start_logs
 from omnilab_studies.common.methods import joined_signatures
@@ -60,7 +60,7 @@ class LargeMap:
     steps_m: list[float] = setting([0.2, 0.12, 0.07, 0.04], above=0, fewest=1)  # of the grids in the sensor's world
     worlds: list[str] = field(default_factory=list)  # then added one after the other, at the last step; virtual sensors
     query_count: int = setting(200, at_least=1, at_most=1_000_000)  # random poses, shared out evenly over the worlds
-    height_m: float | None = None  # of the viewpoint; null: the sensor's own
+    height_m: float | None = setting(None, at_least=-1e6, at_most=1e6)  # of the viewpoint; null: the sensor's own
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "descriptor", "distance", "localizer", "localizers")
 
@@ -145,6 +145,8 @@ def _queries(parts: Parts, plan: Plan, record: Recorder, tick: Tick, seed: int) 
     signatures, truth_m = [], []
     for frames in deliver_queries(parts, plan, record, seed):
         signatures.append(describe(parts.descriptor, frames, record))
+        if len(signatures) == 1:
+            check_signatures(signatures[0], len(plan), "queries")
         truth_m.append(known_poses(frames.T_world_camera, "queries")[:, :3, 3])
         if len(truth_m) == 1:
             show_frame(record, frames, 0, signatures[0].place[0], tick)

@@ -58,7 +58,7 @@ class Localize:
     extent_m: list[float] | None = setting(
         None, above=0, count=2
     )  # x and y size of the area of random queries; null: all that the sensor covers
-    height_m: float | None = None  # of the viewpoint; null: the sensor's own
+    height_m: float | None = setting(None, at_least=-1e6, at_most=1e6)  # of the viewpoint; null: the sensor's own
     odometry_noise: float | None = setting(
         None, at_least=0
     )  # standard deviation in parts of each motion; null: no odometry

@@ -51,7 +51,7 @@ class MapStudy:
         None, above=0, count=2
     )  # x and y size of the grid; null: all that the sensor covers
     path: str = "route"  # of the world, where places=path
-    height_m: float | None = None  # of the viewpoint; null: the sensor's own
+    height_m: float | None = setting(None, at_least=-1e6, at_most=1e6)  # of the viewpoint; null: the sensor's own
     show: int = setting(20, at_least=0)  # places whose pictures go into the logs
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "descriptor", "distance")

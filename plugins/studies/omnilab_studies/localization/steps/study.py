@@ -54,7 +54,7 @@ class Steps:
     extent_m: list[float] | None = setting(
         None, above=0, count=2
     )  # x and y size of the maps; null: all that the sensor covers
-    height_m: float | None = None  # of the viewpoint; null: the sensor's own
+    height_m: float | None = setting(None, at_least=-1e6, at_most=1e6)  # of the viewpoint; null: the sensor's own
     query_count: int = setting(3500, at_least=1, at_most=1_000_000)  # of each kind of headings
     heading_steps: int = setting(
         180, at_least=1, at_most=1_000_000

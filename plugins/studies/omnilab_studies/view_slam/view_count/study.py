@@ -39,8 +39,8 @@ class ViewCount:
     counts: list[int] = setting([2, 4, 8, 16, 32, 64, 100], at_least=1, at_most=10_000, fewest=2)  # of views
     range_m: float = setting(9.0, above=0)  # of observation
     scenario: str = "open"  # a shipped one, or a YAML file
-    seeds: int = setting(50, at_least=2)  # drives
-    fewer_seeds: dict[str, int] = setting({}, at_least=2)  # of a slow filter, by its name
+    seeds: int = setting(50, at_least=2, at_most=100_000)  # drives
+    fewer_seeds: dict[str, int] = setting({}, at_least=2, at_most=100_000)  # of a slow filter, by its name
     drives: Drives = field(default_factory=Drives)  # laps, noise, mishaps
 
     needs: ClassVar[tuple[str, ...]] = ()
@@ -69,8 +69,7 @@ class ViewCount:
 
     def _drives(self, ground: Scenario, count: int, name: str, base: int) -> list[Drive]:
         """The drives of a filter's seeds, with so many views."""
-        seeds = range(seeds_of(name, self.seeds, self.fewer_seeds))
-        return [self.drives.drive(ground, count, np.random.default_rng([base, k])) for k in seeds]
+        return self.drives.drives(ground, count, base, seeds_of(name, self.seeds, self.fewer_seeds))
 
     def _report(
         self, comparison: FilterComparison, times: Sequence[Mapping[str, Any]], filters: Mapping[str, ViewFilter],

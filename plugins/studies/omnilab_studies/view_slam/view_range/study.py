@@ -52,8 +52,8 @@ class ViewRange:
     ranges_m: list[float] = setting([1.5, 3.0, 4.5, 6.0, 7.5, 9.0, 10.5, 12.0, 15.0], above=0, fewest=1)  # of views
     scenarios: list[str] = field(default_factory=lambda: ["open", "walls"])  # shipped ones, or YAML files
     views: int = setting(12, at_least=1, at_most=10_000)  # on the first lap
-    seeds: int = setting(50, at_least=2)  # drives
-    fewer_seeds: dict[str, int] = setting({}, at_least=2)  # of a slow filter, by its name
+    seeds: int = setting(50, at_least=2, at_most=100_000)  # drives
+    fewer_seeds: dict[str, int] = setting({}, at_least=2, at_most=100_000)  # of a slow filter, by its name
     drives: Drives = field(default_factory=Drives)  # laps, noise, mishaps
     converged_share: float = setting(0.25, above=0, below=1)  # of odometry's error
     shown_range_m: float = setting(
@@ -82,7 +82,7 @@ class ViewRange:
 
     def _drives(self, ground: Scenario, base: int) -> list[Drive]:
         """The drives of all seeds through a scenario."""
-        return [self.drives.drive(ground, self.views, np.random.default_rng([base, k])) for k in range(self.seeds)]
+        return self.drives.drives(ground, self.views, base, self.seeds)
 
     def _compare(
         self, comparison: FilterComparison, ground: Scenario, drives: list[Drive], names: list[str], record: Recorder
