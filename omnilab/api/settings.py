@@ -114,7 +114,7 @@ def ranges_of(cls: type[Any]) -> Mapping[str, Range]:
     found: dict[str, Range] = {}
     for each in fields(cls):
         declared: Range = each.metadata.get("range", FINITE)
-        types = set(_types(hints[each.name]))
+        types = set(plain_types(hints[each.name]))
         whole = declared is not FINITE and int in types and float not in types
         listed = typing.get_origin(hints[each.name]) in {list, dict} or any(
             typing.get_origin(part) in {list, dict} for part in typing.get_args(hints[each.name])
@@ -211,13 +211,13 @@ def _numbers(value: Any) -> Iterator[Any]:
         yield value
 
 
-def _types(hint: Any) -> Iterator[Any]:
+def plain_types(hint: Any) -> Iterator[Any]:
     """The plain types that a type hint is made of."""
     parts = typing.get_args(hint)
     if not parts:
         yield hint
     for part in parts:
-        yield from _types(part)
+        yield from plain_types(part)
 
 
 def _short(value: Any) -> str:

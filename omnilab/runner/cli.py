@@ -256,7 +256,12 @@ def repeat(argv: list[str]) -> int:
     if not re.fullmatch(r"[\w-]+(/[\w-]+)*", name):
         raise DataError(f"{first.folder / 'manifest.json'} names the experiment '{name}', which is no name; correct it")
     cache = first.config.get("cache") and Settings.cache
-    ours = {"logs": options.logs, "cache": cache, "cache_gb": Settings.cache_gb, "limits": options.limits is None}  # never as a file says
+    ours = {
+        "logs": options.logs,
+        "cache": cache,
+        "cache_gb": Settings.cache_gb,
+        "limits": options.limits is None,
+    }  # never as a file says
     folder = Path(logs_folder(options.logs)) / name / new_folder_name()
     known = None if options.trust else _digests(first)
     run = again(first.config | ours, first.manifest, registry, folder, known)

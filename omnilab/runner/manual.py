@@ -11,8 +11,9 @@ from dataclasses import MISSING, Field, asdict, fields, is_dataclass
 from enum import Enum
 from typing import Any, get_type_hints
 
-from omnilab.api.settings import Range, ranges_of
+from omnilab.api.settings import Range, plain_types, ranges_of
 
+NUMBERS = {int, float, Any}  # types of settings that may be numbers
 UNITS = {  # by the end of a setting's name
     "m": "m", "mm": "mm", "deg": "deg", "rad": "rad", "px": "px", "s": "s", "ms": "ms", "ns": "ns", "gb": "GB", "hz": "Hz",
 }  # fmt: skip
@@ -30,7 +31,7 @@ def settings_data(cls: type[Any]) -> list[dict[str, Any]]:
     `required` settings have no `default`. `range` is null, or the limits of each number: `lowest` and `highest`, those
     that hold for all included, `above` and `below` where the limit itself is out, `multiple_of`, `whole`, `count` and
     `fewest` of a list's numbers, and all of it in words, `allowed`. `choices` are an enumeration's names; `settings` are
-    those of a setting that has its own.
+    those of a setting that has its own. `writes`: it names a file or a folder that is written.
     """
     hints, ranges, source = get_type_hints(cls), ranges_of(cls), _source(cls)  # type: ignore[arg-type]  # a class is hashable
     return [_data(field, hints[field.name], ranges[field.name], *source[field.name]) for field in fields(cls)]
@@ -46,7 +47,8 @@ def _data(field: Field[Any], hint: Any, allowed: Range, node: ast.AnnAssign, com
         "default": None if required else _plain(default),
         "unit": UNITS.get(field.name.rpartition("_")[2]) if "_" in field.name else None,
         "comment": comment,
-        "range": _range(allowed) if "range" in field.metadata else None,
+        "range": _range(allowed) if NUMBERS & set(plain_types(hint)) else None,
+        "writes": field.metadata.get("writes", False),
     }
     if isinstance(hint, type) and issubclass(hint, Enum):
         found["choices"] = [member.name for member in hint]

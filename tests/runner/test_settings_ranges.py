@@ -16,7 +16,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from omnilab.api import RandomPoses, check_settings, setting
-from omnilab.api.settings import LARGEST, LARGEST_COUNT, Range, _types, out_of_range, ranges_of
+from omnilab.api.settings import LARGEST, LARGEST_COUNT, Range, out_of_range, plain_types, ranges_of
 from omnilab.errors import ConfigError, DataError
 from omnilab.runner.build import build
 from omnilab.runner.config import Run, Settings
@@ -172,7 +172,7 @@ def test_every_setting_that_may_be_a_number_declares_its_range_and_its_default_i
     undeclared, outside = [], []
     for where, cls in classes:
         hints, defaults = get_type_hints(cls), {f.name: f.default for f in fields(cls)}
-        kinds = {f.name: set(_types(hints[f.name])) for f in fields(cls)}
+        kinds = {f.name: set(plain_types(hints[f.name])) for f in fields(cls)}
         undeclared += [
             f"{where}.{f.name}" for f in fields(cls) if kinds[f.name] & numbers and "range" not in f.metadata
         ]
@@ -274,9 +274,9 @@ def test_settings_within_settings_and_those_without_a_default_are_data_too() -> 
     found = {s["name"]: s for s in settings_data(Example)}
     assert found["endless"]["range"]["highest"] is None
     assert found["inner"]["settings"][0]["range"]["allowed"] == "a whole number of 2 or more"
-    assert (found["inner"]["default"], found["plain"]["range"]) == ({"count": 3}, None)
+    assert (found["inner"]["default"], found["flag"]["range"]) == ({"count": 3}, None)
     folder = next(s for s in settings_data(Render) if s["name"] == "folder")
-    assert (folder["required"], folder["default"]) == (True, None)
+    assert (folder["required"], folder["default"], folder["range"], folder["writes"]) == (True, None, None, True)
 
 
 # ------------------------------------------------------------------------------------------------ work that is too large
@@ -292,7 +292,7 @@ def test_work_beyond_the_memory_that_is_free_is_done_where_it_is_asked_for_and_a
     run = str(Path("logs/latest").resolve())
     assert omnilab_here("repeat", run).rc == 2
     repeated = omnilab_here("repeat", run, "limits=off")
-    assert (repeated.rc, repeated.stderr.strip()[-12:]) == (0, "bit for bit")
+    assert (repeated.rc, repeated.stderr.strip()[-11:]) == (0, "bit for bit")
 
 
 def test_images_that_do_not_fit_onto_the_disk_are_refused_after_the_first_ones(omnilab_here, monkeypatch) -> None:
