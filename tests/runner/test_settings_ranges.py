@@ -298,7 +298,7 @@ def test_work_beyond_the_memory_that_is_free_is_done_where_it_is_asked_for_and_a
 def test_images_that_do_not_fit_onto_the_disk_are_refused_after_the_first_ones(omnilab_here, monkeypatch) -> None:
     render = [
         "experiment=render",
-        *SMALL[1:],
+        *SMALL[1:-1],
         "study.folder=set",
         "study.layout=random",
         "study.count=130",
