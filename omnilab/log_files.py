@@ -76,7 +76,7 @@ def _second_name(log: Path) -> Path:
         try:
             aside.hardlink_to(log)
         except FileExistsError:
-            if not aside.samefile(log):  # as a repair leaves it that is killed
+            if aside.is_symlink() or not aside.samefile(log):  # else a repair was killed that had come so far
                 continue
         except OSError:  # a disk without hard links
             if aside.exists():

@@ -192,7 +192,7 @@ def test_damaged_logs_of_a_run_that_ended_well_are_found(tmp_path, omnilab_here)
     rrd.write_bytes(recording[: len(recording) // 2] + bytes(len(recording) // 2))
     result = omnilab_here("repair", "logs/run")
     assert result.rc == 0, result.stderr
-    assert "19 messages were kept and indexed again, 1 were lost, logged from 20" in result.stderr
+    assert "19 messages were kept and indexed again, 1 was lost, logged from 20" in result.stderr
     assert "run.rrd had no whole footer and was written anew" in result.stderr
     assert "is whole, nothing to repair" in omnilab_here("repair", "logs/run").stderr
     assert load_run(run.folder).status["status"] == DONE

@@ -20,7 +20,8 @@ HEAD = struct.Struct("<BQ")  # opcode and length of every record
 CHUNK = struct.Struct("<QQQII")  # first and last log time, size and checksum of the content, length of the codec's name
 MESSAGE_BYTES = 22  # of a message without its data
 LARGEST_BYTES = 256 << 20  # of a record, and of what a chunk unpacks to: held in memory
-CODECS = {b"": "", b"zstd": "zstd", b"lz4": "lz4"}
+CODECS = {b"", b"zstd", b"lz4"}
+PACKED_STARTS = {b"\x28\xb5\x2f\xfd", b"\x04\x22\x4d\x18"}  # of data packed by zstd and by lz4, whatever the name says
 Index = dict[int, list[tuple[int, int]]]  # by channel, log time and offset of each message of a chunk
 
 
@@ -55,7 +56,12 @@ def opened(raw: bytes, name: str) -> tuple[list[McapRecord], Index]:
     size, crc, codec, start = _parts(raw, len(raw))
     data = memoryview(raw)[start:]
     if codec not in CODECS:
-        raise Unreadable(f"a chunk that is packed by {codec.decode(errors='replace')!r}")
+        if codec.isalnum() and bytes(data[:4]) not in PACKED_STARTS:
+            raise DataError(
+                f"{name} has a chunk that is packed by '{codec.decode()}', which is unknown here; it cannot be checked and is"
+                " as it was"
+            )
+        raise Unreadable("a chunk whose codec is unknown")
     if size > LARGEST_BYTES and _says_itself(data, codec) == size:
         raise DataError(
             f"{name} has a chunk that unpacks to {size} bytes, and up to {LARGEST_BYTES} are held in memory; it cannot be"

@@ -10,7 +10,7 @@ from typing import BinaryIO
 
 from google.protobuf.empty_pb2 import Empty  # type: ignore[import-untyped]
 from mcap.records import Attachment, Channel, Header, McapRecord, Message, MessageIndex, Metadata, Schema
-from mcap.writer import Writer
+from mcap.writer import MCAP0_MAGIC, Writer
 from mcap_protobuf.schema import register_schema
 
 from omnilab.errors import DataError
@@ -34,7 +34,10 @@ def repair(path: Path) -> str | None:
         if not found.damages:
             return None
         if not found.records and not found.is_torn:
-            raise DataError(f"{path} is not an MCAP log (it starts with {_start(file)!r}); move it away")
+            start = _start(file)
+            if start == MCAP0_MAGIC:
+                raise DataError(f"{path} holds no record that can be read; run the experiment again")
+            raise DataError(f"{path} is not an MCAP log (it starts with {start!r}); move it away")
         nameless: list[str] = []
         aside = replace_mended(path, lambda out: nameless.extend(copy(log, log.summary, out)), keep=not found.is_torn)
     if aside is None:
@@ -106,10 +109,10 @@ class Findings:
             return "none was lost"
         if self.summary and self.summary.statistics:
             count = max(self.summary.statistics.message_count - self.messages, 0)
-            many = f"{count} were lost" if count else "none was lost"
+            many = f"{count} {'was' if count == 1 else 'were'} lost" if count else "none was lost"
         else:
             count = self._indexed
-            many = f"at least {count} were lost" if count else "some may be lost"
+            many = f"at least {count} {'was' if count == 1 else 'were'} lost" if count else "some may be lost"
         if many == "none was lost":
             return many
         return f"{many}, logged {self._span()}"

@@ -7,6 +7,7 @@ import random
 import struct
 import subprocess
 import sys
+import time
 from collections import Counter
 
 import lz4.frame
@@ -230,13 +231,24 @@ def test_a_log_packed_as_a_stream_is_whole(tmp_path):
     assert len(mend(tmp_path, out.getvalue())[1]) == PER_CHUNK * CHUNKS
 
 
+def test_a_log_packed_in_a_way_of_its_writer_is_left_as_it_is(tmp_path, own):
+    start = next(chunks(own))[0]
+    named = own.index(b"\x04\0\0\0zstd", start) + 4
+    other = own[:named] + b"best" + own[named + 4 : named + 12] + b"data" + own[named + 16 :]
+    (tmp_path / "run.mcap").write_bytes(other)
+    with pytest.raises(DataError, match=r"run\.mcap has a chunk that is packed by 'best', which is unknown here"):
+        McapSink().repair(tmp_path)
+    assert (tmp_path / "run.mcap").read_bytes() == other
+    assert "10 were lost" in mend(tmp_path, own[:named] + b"zstt" + own[named + 4 :])[0]
+
+
 @pytest.mark.parametrize("options", [{"use_chunking": False}, {"use_chunking": False, "enable_data_crcs": True}])
 def test_a_log_without_chunks_is_read_on_after_a_broken_message(tmp_path, options):
     log = written(**options)
     fifth = [start for opcode, start, _ in records(log) if opcode == 5][4]
     sentence, kept = mend(tmp_path, log[: fifth + 3] + b"\xff" + log[fifth + 4 :])
     assert [sequence for _, sequence, _ in kept] == [n for n in range(PER_CHUNK * CHUNKS) if n != 4]
-    assert "1 were lost" in sentence
+    assert "1 was lost" in sentence
 
 
 def test_attachments_and_metadata_are_kept_and_checked(tmp_path):
@@ -326,6 +338,46 @@ def test_a_large_log_is_mended_in_little_memory(tmp_path):
     sentence, used = in_a_process(tmp_path)
     assert "was torn" in sentence
     assert used < 250 << 20
+
+
+def test_a_log_without_a_whole_record_is_left_as_it_is(tmp_path, own):
+    bad = own[:9] + b"\xff" * 300
+    (tmp_path / "run.mcap").write_bytes(bad)
+    with pytest.raises(DataError, match=r"run\.mcap holds no record that can be read; run the experiment again"):
+        McapSink().repair(tmp_path)
+    assert (tmp_path / "run.mcap").read_bytes() == bad
+
+
+@pytest.mark.slow
+def test_a_killed_repair_leaves_the_damaged_or_the_mended_log(tmp_path):
+    """At any instant; what it leaves is mended by the next."""
+    log = bytearray(written(compression=CompressionType.NONE))
+    at = next(chunks(log))[0] + 300
+    log[at] ^= 1
+    rng = random.Random(0)
+    for kill in range(40):
+        folder = tmp_path / str(kill)
+        folder.mkdir()
+        (folder / "run.mcap").write_bytes(log)
+        with subprocess.Popen([sys.executable, "-c", SLOW_REPAIR, folder], stdout=subprocess.PIPE) as process:
+            process.stdout.readline()  # all is imported
+            time.sleep(rng.uniform(0, 0.06))
+            process.kill()
+        assert (folder / "run.mcap").exists()
+        if (folder / "run.mcap").read_bytes() != log:
+            assert (folder / "run.mcap.damaged").read_bytes() == log
+        McapSink().repair(folder)
+        assert {path.name for path in folder.iterdir()} == {"run.mcap", "run.mcap.damaged"}
+        assert len(read_back(folder / "run.mcap")) == PER_CHUNK * (CHUNKS - 1)
+
+
+SLOW_REPAIR = """
+import sys
+from pathlib import Path
+from omnilab_mcap import McapSink, repair
+print("go", flush=True)
+McapSink().repair(Path(sys.argv[1]))
+"""
 
 
 def test_a_link_or_a_pipe_is_not_looked_into(tmp_path, own):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import os
+import secrets
 import subprocess
 import tempfile
 import time
@@ -45,7 +47,7 @@ def take_picture(recording: Path, picture: Path, step: int | None, size: tuple[i
     if picture.suffix.lower() != ".png":
         raise ConfigError(f"the picture {picture} would be a PNG by another name; give {picture.with_suffix('.png')}")
     _exists(recording)
-    part = picture.with_name(f".{picture.name}.part")
+    part = picture.with_name(f".{picture.name}.{os.getpid()}-{secrets.token_hex(4)}.part")  # of this process alone
     try:
         if picture.is_dir():
             raise IsADirectoryError(errno.EISDIR, "it is a folder")
