@@ -1,5 +1,6 @@
 """One run with a record of each kind, and the reference reader."""
 
+import random
 from collections import defaultdict
 from types import SimpleNamespace
 
@@ -70,3 +71,17 @@ def read():
         return topics
 
     return read
+
+
+@pytest.fixture(scope="session")
+def own(tmp_path_factory):
+    """The bytes of a whole log of the sink: 8 chunks of 10 messages."""
+    folder = tmp_path_factory.mktemp("own")
+    sink = McapSink()
+    sink.open(folder)
+    for step in range(80):
+        sink.write("/log", api.Text(f"step {step} {random.Random(step).randbytes(100).hex()}"), api.Tick(step, step))
+        if step % 10 == 9:
+            sink.flush()
+    sink.close()
+    return (folder / "run.mcap").read_bytes()

@@ -2,7 +2,6 @@
 
 import contextlib
 import io
-import os
 import random
 import struct
 import subprocess
@@ -19,7 +18,6 @@ from mcap.records import Channel, Chunk, Message
 from mcap.stream_reader import breakup_chunk
 from mcap.writer import CompressionType, IndexType, Writer
 
-from omnilab import api
 from omnilab.errors import DataError
 from omnilab_mcap import McapSink
 from omnilab_mcap.chunks import LARGEST_BYTES
@@ -44,20 +42,6 @@ def written(**options):
             writer.flush()
     writer.finish()
     return out.getvalue()
-
-
-@pytest.fixture(scope="module")
-def own(tmp_path_factory):
-    """A log of the sink, whole."""
-    folder = tmp_path_factory.mktemp("own")
-    sink = McapSink()
-    sink.open(folder)
-    for step in range(PER_CHUNK * CHUNKS):
-        sink.write("/log", api.Text(f"step {step} {random.Random(step).randbytes(100).hex()}"), api.Tick(step, step))
-        if step % PER_CHUNK == PER_CHUNK - 1:
-            sink.flush()
-    sink.close()
-    return (folder / "run.mcap").read_bytes()
 
 
 def records(data):
@@ -378,52 +362,3 @@ from omnilab_mcap import McapSink, repair
 print("go", flush=True)
 McapSink().repair(Path(sys.argv[1]))
 """
-
-
-def test_a_link_or_a_pipe_is_not_looked_into(tmp_path, own):
-    (tmp_path / "elsewhere").write_bytes(own[:-1])
-    (tmp_path / "run.mcap").symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(DataError, match=r"run\.mcap is a link, and logs are files"):
-        McapSink().repair(tmp_path)
-    assert (tmp_path / "elsewhere").read_bytes() == own[:-1]
-    (tmp_path / "run.mcap").unlink()
-    os.mkfifo(tmp_path / "run.mcap")
-    with pytest.raises(DataError, match=r"run\.mcap is a pipe"):
-        McapSink().repair(tmp_path)
-
-
-def test_the_mended_log_has_the_permissions_of_the_damaged_one(tmp_path, own):
-    log = tmp_path / "run.mcap"
-    log.write_bytes(own[:-9])
-    log.chmod(0o640)
-    McapSink().repair(tmp_path)
-    assert log.stat().st_mode & 0o777 == 0o640
-
-
-def test_a_second_damage_is_kept_beside_the_first(tmp_path, own):
-    at = next(chunks(own))[0] + 300
-    bad = own[:at] + bytes(5) + own[at + 5 :]
-    (tmp_path / "run.mcap.damaged").write_bytes(b"mine")
-    (tmp_path / "run.mcap").write_bytes(bad)
-    assert McapSink().repair(tmp_path).endswith("kept as run.mcap.damaged-2")
-    assert (tmp_path / "run.mcap.damaged").read_bytes() == b"mine"
-    assert (tmp_path / "run.mcap.damaged-2").read_bytes() == bad
-
-
-def test_a_full_disk_leaves_everything_as_it_was(tmp_path, own):
-    at = next(chunks(own))[0] + 300
-    bad = own[:at] + bytes(5) + own[at + 5 :]
-    (tmp_path / "run.mcap").write_bytes(bad)
-    limited = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({len(own) // 2},) * 2)\n" + BOMB
-    done = subprocess.run([sys.executable, "-c", limited, tmp_path], capture_output=True, text=True, check=True)
-    assert "run.mcap cannot be mended in its place (File too large) and is as it was" in done.stdout
-    assert [path.name for path in tmp_path.iterdir()] == ["run.mcap"]
-    assert (tmp_path / "run.mcap").read_bytes() == bad
-
-
-def test_what_killed_repairs_had_begun_is_removed(tmp_path, own):
-    (tmp_path / "run.mcap").write_bytes(own[:-9])
-    (tmp_path / "run.mcap.999999999-01234567.part").write_bytes(own[:99])
-    (tmp_path / "run.mcap.mine.part").write_bytes(b"mine")
-    assert "was torn" in McapSink().repair(tmp_path)
-    assert {path.name for path in tmp_path.iterdir()} == {"run.mcap", "run.mcap.mine.part"}

@@ -1,5 +1,6 @@
 """Logs of runs that were killed, and files that are no logs."""
 
+import os
 import subprocess
 import sys
 
@@ -134,3 +135,62 @@ def test_chunk_that_unpacks_to_more_than_it_says_is_left_out(tmp_path, unfinishe
     Chunk("zstd", bomb, message_start_time=0, message_end_time=0, uncompressed_crc=0, uncompressed_size=9).write(chunk)
     _, texts = mended(tmp_path, unfinished[0] + chunk.end(), read, ["run.mcap.damaged"])
     assert len(texts) == FLUSHED
+
+
+def test_a_link_or_a_pipe_is_not_looked_into(tmp_path, own):
+    (tmp_path / "elsewhere").write_bytes(own[:-1])
+    (tmp_path / "run.mcap").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(DataError, match=r"run\.mcap is a link, and logs are files"):
+        McapSink().repair(tmp_path)
+    assert (tmp_path / "elsewhere").read_bytes() == own[:-1]
+    (tmp_path / "run.mcap").unlink()
+    os.mkfifo(tmp_path / "run.mcap")
+    with pytest.raises(DataError, match=r"run\.mcap is a pipe"):
+        McapSink().repair(tmp_path)
+
+
+def test_the_mended_log_has_the_permissions_of_the_damaged_one(tmp_path, own):
+    log = tmp_path / "run.mcap"
+    log.write_bytes(own[:-9])
+    log.chmod(0o640)
+    McapSink().repair(tmp_path)
+    assert log.stat().st_mode & 0o777 == 0o640
+
+
+def test_a_second_damage_is_kept_beside_the_first(tmp_path, own):
+    at = own.index(b"zstd") + 100
+    bad = own[:at] + bytes(5) + own[at + 5 :]
+    (tmp_path / "run.mcap.damaged").write_bytes(b"mine")
+    (tmp_path / "run.mcap").write_bytes(bad)
+    assert McapSink().repair(tmp_path).endswith("kept as run.mcap.damaged-2")
+    assert (tmp_path / "run.mcap.damaged").read_bytes() == b"mine"
+    assert (tmp_path / "run.mcap.damaged-2").read_bytes() == bad
+
+
+def test_a_full_disk_leaves_everything_as_it_was(tmp_path, own):
+    at = own.index(b"zstd") + 100
+    bad = own[:at] + bytes(5) + own[at + 5 :]
+    (tmp_path / "run.mcap").write_bytes(bad)
+    code = f"""
+import resource, sys
+from pathlib import Path
+from omnilab.errors import DataError
+from omnilab_mcap import McapSink
+resource.setrlimit(resource.RLIMIT_FSIZE, ({len(own) // 2},) * 2)
+try:
+    McapSink().repair(Path(sys.argv[1]))
+except DataError as error:
+    print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", code, tmp_path], capture_output=True, text=True, check=True)
+    assert "run.mcap cannot be mended in its place (File too large) and is as it was" in done.stdout
+    assert [path.name for path in tmp_path.iterdir()] == ["run.mcap"]
+    assert (tmp_path / "run.mcap").read_bytes() == bad
+
+
+def test_what_killed_repairs_had_begun_is_removed(tmp_path, own):
+    (tmp_path / "run.mcap").write_bytes(own[:-9])
+    (tmp_path / "run.mcap.999999999-01234567.part").write_bytes(own[:99])
+    (tmp_path / "run.mcap.mine.part").write_bytes(b"mine")
+    assert "was torn" in McapSink().repair(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {"run.mcap", "run.mcap.mine.part"}
