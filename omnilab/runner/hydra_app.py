@@ -28,6 +28,8 @@ from omnilab.runner.overrides.command_line import for_hydra, quoted
 from omnilab.runner.overrides.compose_errors import sentence
 from omnilab.runner.registry import Registry, discover
 from omnilab.runner.run_folder import DONE, FAILED, RunFolder, new_folder_name, origin, summarize, write_csv
+from omnilab.runner.run_folder.lock import RunLock, lock_sweep
+from omnilab.runner.run_folder.names import SUMMARY
 from omnilab.runner.streams import outlast
 from omnilab.runner.terminal import headline, print_error, print_summary, print_table, short, show_run
 
@@ -52,6 +54,7 @@ def experiment(argv: list[str], registry: Registry) -> int:
             all_begun = True
         finally:  # also when it was interrupted, or a job ended it
             code = _end_sweep(task.begun, all_begun)
+            Sweep.release()
     if task.mistake:
         raise task.mistake
     return code
@@ -61,6 +64,8 @@ def _hydra(task: Task, argv: list[str], registry: Registry) -> None:
     """Have Hydra call the task, and say in a sentence what it does not like."""
     try:
         hydra.main(version_base="1.3", config_path="pkg://omnilab.conf", config_name="config")(task)()
+    except SweepRefusedError as refused:
+        raise refused.mistake from refused
     except (HydraException, OmegaConfBaseException) as error:
         raise ConfigError(sentence(error, registry, argv)) from error
     except OSError as error:  # Hydra makes the run's folder
@@ -207,7 +212,7 @@ def _end_sweep(begun: Mapping[str, Sequence[str]], all_begun: bool) -> int:
         if all_begun:
             print_error("the sweep has no job: one of its values, such as glob(...), matches nothing; correct that one")
         return 1
-    file, failed = folder / "summary.csv", sum(row[header.index("status")] != DONE for row in rows)
+    file, failed = folder / SUMMARY, sum(row[header.index("status")] != DONE for row in rows)
     print_summary(header, rows, title=str(short(file)))
     if failed:
         print_error(f"{failed} of {len(rows)} jobs did not end well; their status.json says why")
@@ -222,19 +227,43 @@ def _end_sweep(begun: Mapping[str, Sequence[str]], all_begun: bool) -> int:
     return 1 if failed else 0
 
 
+class SweepRefusedError(BaseException):
+    """Ends a sweep before its first job. Hydra turns every Exception of a callback into a warning."""
+
+    def __init__(self, mistake: DataError) -> None:
+        super().__init__(str(mistake))
+        self.mistake = mistake
+
+
 class Sweep:
-    """A Hydra callback that knows where the jobs of a sweep are."""
+    """A Hydra callback that knows where the jobs of a sweep are, and keeps other sweeps from there."""
 
     folder: ClassVar[Path | None] = None  # of the sweep that was begun
+    lock: ClassVar[RunLock | None] = None
 
     def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
         """All jobs go into one folder, also where a sweep is over experiments."""
         try:
-            folder = literal(str(config.hydra.sweep.dir))
+            literal_folder = literal(str(config.hydra.sweep.dir))
         except OmegaConfBaseException:
             return  # Hydra comes upon it next, and what it raises is shown
-        config.hydra.overrides.hydra.append(f"hydra.sweep.dir={quoted(folder)}")
-        Sweep.folder = Path(str(config.hydra.sweep.dir))
+        config.hydra.overrides.hydra.append(f"hydra.sweep.dir={quoted(literal_folder)}")
+        folder = Path(str(config.hydra.sweep.dir))
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            Sweep.lock = lock_sweep(folder)
+        except OSError:
+            return  # and upon this
+        except DataError as mistake:
+            raise SweepRefusedError(mistake) from mistake
+        Sweep.folder = folder
+
+    @classmethod
+    def release(cls) -> None:
+        """Let other sweeps into the folder, which say that it is taken."""
+        if cls.lock is not None:
+            cls.lock.release()
+            cls.lock = None
 
     def __getattr__(self, name: str) -> Callable[..., None]:
         if name.startswith("on_"):  # Hydra calls every event on every callback

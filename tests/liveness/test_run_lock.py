@@ -289,3 +289,49 @@ def test_a_reader_keeps_nobody_from_a_lock(folder):
         stop.set()
         for reader in readers:
             reader.join()
+
+
+# ------------------------------------------------------------------------------------------------------- sweeps
+PING = """
+from dataclasses import dataclass
+from omnilab import Metric, Report, hookimpl
+
+@dataclass
+class Ping:
+    answer: float = 1.0
+    needs = ()
+    def run(self, parts, record, rng):
+        return Report([Metric("answer", self.answer, "1")])
+
+@hookimpl
+def register_studies(register):
+    register("ping", Ping)
+"""
+SWEEP = "-m", "~experiment", "study=ping", "~sinks.rerun", "~sinks.mcap", "hydra.sweep.dir=logs/s"
+
+
+def test_a_second_sweep_into_a_folder_runs_no_job(omnilab_here, tmp_path, monkeypatch):
+    (tmp_path / "ping.py").write_text(PING)
+    monkeypatch.setenv("OMNILAB_PLUGINS", "ping.py")
+    first = omnilab_here(*SWEEP, "study.answer=1,2")
+    assert first.rc == 0, first.stderr
+    before = {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
+    second = omnilab_here(*SWEEP, "study.answer=3,4,5")
+    assert (second.rc, second.stdout) == (2, "")
+    assert second.stderr == (
+        "omnilab: logs/s holds a sweep already, whose jobs are not mixed with others; give another hydra.run.dir (of a"
+        " sweep: hydra.sweep.dir)\n"
+    )
+    assert before == {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
+
+
+def test_a_sweep_into_a_folder_where_another_goes_on_is_told(omnilab_here, tmp_path, monkeypatch):
+    (tmp_path / "ping.py").write_text(PING)
+    monkeypatch.setenv("OMNILAB_PLUGINS", "ping.py")
+    (tmp_path / "logs" / "s").mkdir(parents=True)
+    with RunLock.take(tmp_path / "logs" / "s"):
+        second = omnilab_here(*SWEEP, "study.answer=3,4,5")
+    assert (second.rc, second.stdout) == (2, "")
+    assert "omnilab: logs/s is still running (process " in second.stderr
+    assert "give another hydra.run.dir (of a sweep: hydra.sweep.dir)\n" in second.stderr
+    assert omnilab_here(*SWEEP, "study.answer=3,4,5").rc == 0

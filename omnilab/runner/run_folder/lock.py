@@ -23,7 +23,17 @@ from typing import Any, Self
 
 from omnilab.errors import DataError
 from omnilab.runner.run_folder import process
-from omnilab.runner.run_folder.names import CONFIG, KILLED, MANIFEST, RESERVED, RUN_LOG, RUNNING, SILENT, STATUS
+from omnilab.runner.run_folder.names import (
+    CONFIG,
+    KILLED,
+    MANIFEST,
+    RESERVED,
+    RUN_LOG,
+    RUNNING,
+    SILENT,
+    STATUS,
+    SUMMARY,
+)
 
 LOCK = "run.lock"
 RUN, REPAIR = "run", "repair"  # what a lock is held for
@@ -31,6 +41,7 @@ HEARTBEAT_S = 5.0
 FRESH_S = 60.0  # no older heartbeat is one; a C library may keep the thread from its work for long
 TAKING_S = 2.0  # a reader holds a lock for microseconds
 LARGEST_BYTES = 4096
+ELSEWHERE = "give another hydra.run.dir (of a sweep: hydra.sweep.dir)"
 PADDED_BYTES = 1000  # so that one text replaces another whole, also on a full disk
 TEXT, NUMBER = (str, NoneType), (int, NoneType)
 TYPES = {
@@ -268,7 +279,7 @@ def _check_free(descriptor: int, flock: bool | None, path: Path, purpose: str, e
     if found.state == RUNNING or (found.state == SILENT and not ended):
         if purpose == REPAIR:
             raise found.refusal(path.parent)
-        raise DataError(f"{found.sentence(path.parent)}; give another hydra.run.dir")
+        raise DataError(f"{found.sentence(path.parent)}; {ELSEWHERE}")
 
 
 def check_unused(folder: Path) -> None:
@@ -282,9 +293,27 @@ def check_unused(folder: Path) -> None:
         if not of_hydra and file.name not in begun and not (begun and file.suffix == ".part"):
             held = "a run" if (folder / STATUS).exists() else f"the file {file.name}"
             raise DataError(
-                f"{folder} holds {held} already, which a new run might replace; give another hydra.run.dir (of a sweep:"
-                " hydra.sweep.dir), or move that one away"
+                f"{folder} holds {held} already, which a new run might replace; {ELSEWHERE}, or move that one away"
             )
+
+
+def lock_sweep(folder: Path) -> RunLock:
+    """The lock of a sweep's folder; DataError if another sweep goes on there, or has left its jobs or its table."""
+    _check_no_sweep(folder)
+    lock = RunLock.take(folder)
+    try:
+        _check_no_sweep(folder)  # another may have begun and ended in between
+    except DataError:
+        lock.release()
+        raise
+    return lock
+
+
+def _check_no_sweep(folder: Path) -> None:
+    if (folder / SUMMARY).exists() or any(folder.glob(f"*/{STATUS}")):
+        if (found := lock_state(folder)) and found.state == RUNNING:
+            raise DataError(f"{found.sentence(folder)}; {ELSEWHERE}")
+        raise DataError(f"{folder} holds a sweep already, whose jobs are not mixed with others; {ELSEWHERE}")
 
 
 def _write(descriptor: int, holder: Holder) -> None:
