@@ -20,6 +20,7 @@ from omnilab.api import Array, Places, Provenance, Signatures
 from omnilab.arrays import read_npz
 from omnilab.atomic_files import write_whole
 from omnilab.errors import DataError
+from omnilab.runner.boundaries import unsound
 
 FILE = "map.npz"
 FORMAT, VERSION = "omnilab map", 1
@@ -90,21 +91,18 @@ def load_places(path: Path) -> Places:
     count = len(place) if place.ndim else 0
     if count == 0:
         raise _unusable(path, "it has no places")
-    if place.ndim < 2 or 0 in place.shape or (heading is not None and (heading.ndim < 2 or 0 in heading.shape)):
-        raise _unusable(path, "its signatures hold no numbers")
     for name, part, kind, shape in (
-        ("place", place, np.float32, place.shape), ("keys", keys, np.str_, (count,)),
-        ("heading", heading, np.float32, (count, *(heading.shape[1:] if heading is not None else ()))),
-        ("T_world_camera", T, np.float64, (count, 4, 4)),
+        ("keys", keys, np.str_, (count,)), ("T_world_camera", T, np.float64, (count, 4, 4))
     ):  # fmt: skip
         if part is not None and (part.shape != shape or not np.issubdtype(part.dtype, kind)):
             raise _unusable(path, f"{name} is {part.dtype} {part.shape}, which does not fit {count} places")
-        if part is not None and kind is not np.str_ and not np.isfinite(part).all():
-            raise _unusable(path, f"{name} holds NaN or infinity")
-    if T is not None and not _are_poses(T):
+    if T is not None and np.isfinite(T).all() and not _are_poses(T):
         raise _unusable(path, "T_world_camera holds other matrices than poses")
     state = {name.removeprefix(STATE): value for name, value in arrays.items() if name.startswith(STATE)}
-    return Places(Signatures(place, heading), T, keys.tolist(), state, provenance)
+    places = Places(Signatures(place, heading), T, keys.tolist(), state, provenance)
+    if wrong := unsound(places):  # as of those that a study returns
+        raise _unusable(path, wrong)
+    return places
 
 
 def _provenance(path: Path, about: Mapping[str, Any]) -> Provenance | None:

@@ -93,7 +93,7 @@ class SignatureStore:
         room: Signatures | None = None
         known: list[int] = []
         for file, pairs in wanted.items():
-            arrays = self._read(file, ("place", "heading"))
+            arrays = self._read(file, ("keys", "place", "heading"))
             if arrays is None:
                 continue
             stored = Signatures(arrays["place"], arrays.get("heading"))
@@ -151,13 +151,16 @@ class SignatureStore:
 
 
 def _check(arrays: Arrays) -> None:
-    """ValueError unless the arrays are such as `store` writes."""
+    """ValueError unless the arrays are such as `store` writes: those of a descriptor that keeps its contract."""
+    keys = arrays["keys"]
+    if keys.dtype != np.uint8 or keys.ndim != 2 or keys.shape[1] != KEY_BYTES:
+        raise ValueError(f"keys are {keys.dtype} {keys.shape}")
     for name, array in arrays.items():
-        if name == "keys" and (array.dtype != np.uint8 or array.shape[1:] != (KEY_BYTES,)):
-            raise ValueError(f"keys are {array.dtype} {array.shape}")
-        if name != "keys" and (array.dtype != np.float32 or len(array) != len(arrays["place"])):
+        if name == "keys":
+            continue
+        if array.dtype != np.float32 or array.ndim < 2 or len(array) != len(keys) or 0 in array.shape[1:]:
             raise ValueError(f"{name} is {array.dtype} {array.shape}")
-        if name != "keys" and not np.isfinite(array).all():
+        if not np.isfinite(array).all():
             raise ValueError(f"{name} holds NaN or infinity")
 
 

@@ -38,6 +38,8 @@ def features(found: Any, given: api.Frames) -> None:
         if isinstance(item, api.ImageFeatures):
             count = len(array(item.azimuth_level, "`azimuth_level`", (None, 2)))
             array(item.vectors, "`vectors`", (count, None), "number")
+            if count and not item.vectors.size:
+                raise Wrong(f"`vectors` of shape {item.vectors.shape}, which hold no numbers")
             if item.directions is not None:
                 unit_vectors(array(item.directions, "`directions`", (count, 3)), "`directions`")
         if isinstance(item, api.Unusable):

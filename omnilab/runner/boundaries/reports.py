@@ -12,13 +12,14 @@ import numpy as np
 from omnilab import api
 from omnilab.errors import PluginError
 from omnilab.runner.boundaries.images import signatures, state
-from omnilab.runner.boundaries.values import Wrong, flag, named, number, poses, sentences, text, typed, whole
+from omnilab.runner.boundaries.values import ITEMS, Wrong, flag, named, number, poses, sentences, text, typed, whole
 from omnilab.runner.run_folder.names import CONFIG, MANIFEST, STATUS, WARNINGS
 
 OWN_FILES = {STATUS, MANIFEST, CONFIG, WARNINGS, "metrics.csv", "cost.csv", "map.npz", "latest"}
 NO_FILES = re.compile(
     r"run\..*|(con|prn|aux|nul|com\d|lpt\d)(\..*)?"
 )  # of the runner and its sinks; devices, to Windows
+CELLS = (str, bool, int, float, np.bool_, np.integer, np.floating, np.str_, type(None))
 LONGEST_NAME = 200  # bytes, so that all endings fit into what a disk allows
 
 
@@ -41,6 +42,15 @@ def check_report(found: Any, title: str) -> None:
             _places(found.map)
     except Wrong as wrong:
         raise PluginError(f"{title}: run returns {wrong}; see Report in omnilab.api") from None
+
+
+def unsound(places: Any) -> str:
+    """What keeps places from being a map; "" if nothing does."""
+    try:
+        _places(places)
+    except Wrong as wrong:
+        return str(wrong).replace(f" {ITEMS},", " places,").replace("the map's ", "")
+    return ""
 
 
 def mapping(value: Any, name: str) -> Mapping[str, Any]:
@@ -80,8 +90,13 @@ def _table(found: Any, name: str) -> None:
     for column, values in columns.items():
         if isinstance(values, str | bytes) or not hasattr(values, "__len__") or not hasattr(values, "__getitem__"):
             raise Wrong(f"{name} with column {column!r} as {named(values)}, not as a sequence")
-        if np.ndim(values if isinstance(values, np.ndarray) else []) != 1:
+        if isinstance(values, np.ndarray) and (type(values) is not np.ndarray or values.ndim != 1):
             raise Wrong(f"{name} with column {column!r} as {named(values)}, not as one value a row")
+        kinds = (
+            {values.dtype.type} if isinstance(values, np.ndarray) and values.dtype != object else set(map(type, values))
+        )
+        if strange := [kind.__name__ for kind in kinds if not issubclass(kind, CELLS)]:
+            raise Wrong(f"{name} with {strange[0]} in column {column!r}; use numbers and texts")
     lengths = {column: len(values) for column, values in columns.items()}
     if len(set(lengths.values())) > 1:
         raise Wrong(f"{name} with columns of different lengths: {lengths}")
@@ -93,7 +108,10 @@ def _file_names(report: api.Report) -> None:
     taken: dict[str, str] = {}
     for name in names:
         key = unicodedata.normalize("NFC", name).casefold()  # on some disks, these are one name
-        if not re.fullmatch(r"\w[\w.,;=+@%()\[\] -]*(?<![. ])", name) or len(name.encode()) > LONGEST_NAME:
+        if (
+            not re.fullmatch(r"\w[\w.,;=+@%()\[\] -]*(?<![. ])", unicodedata.normalize("NFC", name))
+            or len(name.encode()) > LONGEST_NAME
+        ):
             raise Wrong(f"{name!r}, which is no name of a file; use up to {LONGEST_NAME} letters, digits, _ and -")
         if key in OWN_FILES or NO_FILES.fullmatch(key) or key.endswith(".part"):
             raise Wrong(f"{name!r}, which is the name of another file; choose another name")
@@ -120,3 +138,11 @@ def _places(found: Any) -> None:
         whole(found.provenance.width, "the width of the map's `provenance`")
         whole(found.provenance.height, "the height of the map's `provenance`")
         flag(found.provenance.color, "the color of the map's `provenance`")
+        for name in ("world", "world_digest"):
+            if getattr(found.provenance, name) is not None:
+                text(getattr(found.provenance, name), f"the {name} of the map's `provenance`")
+        if found.provenance.elevations_deg is not None:
+            typed(found.provenance.elevations_deg, tuple)
+            lowest, highest = found.provenance.elevations_deg
+            number(lowest, "the lowest elevation of the map's `provenance`")
+            number(highest, "the highest elevation of the map's `provenance`")
