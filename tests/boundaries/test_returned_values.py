@@ -21,7 +21,7 @@ from omnilab.api import (
     Report,
     Signatures,
 )
-from omnilab.cameras import ImageCircle
+from omnilab.cameras import EquirectangularCamera, ImageCircle
 from omnilab.errors import PluginError
 from omnilab.geometry import planar_poses
 from omnilab.runner.boundaries import check_declared, check_report, guard
@@ -345,6 +345,13 @@ def test_plans(answer, expected):
 )
 def test_frames(batches, expected):
     wrong(lambda: list(says("sensor", batches).frames(PLAN)), "frames returns", expected)
+
+
+def test_a_panorama_has_no_circle_and_another_camera_has_one():
+    panoramas = frames(images=np.zeros((5, 8, 16), np.uint8), camera=EquirectangularCamera(16, 8))
+    assert len(list(says("sensor", [panoramas]).frames(PLAN))) == 1
+    for circle in (Circle(4, 4, 3, 3), Circle(4, 4, -1), Circle(np.nan, 4, 3), Circle(4, 4, 3, -1)):
+        wrong(lambda c=circle: list(says("sensor", [frames(camera=ImageCircle(8, 8, c))]).frames(PLAN)), "circle")
 
 
 def test_frames_that_are_missing_need_a_reason():

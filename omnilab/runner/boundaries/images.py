@@ -181,7 +181,9 @@ def _camera(found: Any, shape: tuple[int, ...]) -> None:
     typed(found.circle, api.Circle)
     for name in ("cx", "cy", "radius", "inner"):
         number(getattr(found.circle, name), f"the circle's `{name}`")
-    if not 0 <= found.circle.inner < found.circle.radius:
+    if not (
+        0 <= found.circle.inner < found.circle.radius or found.circle.radius == 0 == found.circle.inner
+    ):  # panoramas
         raise Wrong(f"a camera whose circle has radius {found.circle.radius} and inner radius {found.circle.inner}")
 
 
