@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -65,11 +66,13 @@ def repair(recording: Path) -> str | None:
 
 def _write(log: DamagedRecording, kept: list[Message], out: BinaryIO) -> None:
     """Let the program write messages with their footer; DataError if it does not."""
-    done = _rrd("optimize", feed=log.bytes_of(kept), out=out)
+    done = _rrd("filter", feed=log.bytes_of(kept), out=out)
     if done.returncode:
-        raise unmended(log.path, complaint(done.stderr))
+        number = re.search(r"\(os error (\d+)\)", done.stderr)
+        ended = f"`rerun rrd filter` ended with code {done.returncode}"
+        raise unmended(log.path, os.strerror(int(number[1])) if number else ended)
     if not _is_complete(Path(out.name)):
-        raise unmended(log.path, "`rerun rrd optimize` does not read what it wrote")
+        raise unmended(log.path, "`rerun rrd filter` wrote what cannot be read back")
 
 
 def _loadable(log: DamagedRecording) -> list[Message]:
