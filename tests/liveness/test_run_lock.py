@@ -139,6 +139,15 @@ def test_the_heartbeat_ends_with_the_run(folder, monkeypatch):
     assert (folder / LOCK).stat().st_mtime == 0
 
 
+def test_a_run_whose_logs_were_mended_under_it_is_told(folder, monkeypatch, caplog):
+    monkeypatch.setattr("omnilab.runner.run_folder.lock.HEARTBEAT_S", 0.01)
+    run = RunFolder(folder)
+    run.open(MANIFEST, "")
+    edit(folder, purpose=REPAIR)  # as from a host that sees no lock of this one
+    wait_for(lambda: "the logs of this run were mended from elsewhere" in caplog.text)
+    run.close()
+
+
 # ------------------------------------------------------------------------------------------------------- on another
 @pytest.mark.parametrize(
     ("age_s", "state"), [(0, "running"), (FRESH_S / 2, "running"), (2 * FRESH_S, "silent"), (-3600, "silent")]

@@ -172,6 +172,7 @@ class RunLock:
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
+        self._content = os.pread(descriptor, LARGEST_BYTES, 0)
         self._stop = threading.Event()
         self._heart = threading.Thread(target=self._beat, name="omnilab-heartbeat", daemon=True)
         _held.add(self)
@@ -223,6 +224,9 @@ class RunLock:
     def _beat(self) -> None:
         while not self._stop.wait(HEARTBEAT_S):
             try:
+                if os.pread(self._descriptor, LARGEST_BYTES, 0) != self._content:
+                    log.warning("%s: the logs of this run were mended from elsewhere, and what follows is lost", LOCK)
+                    return  # as `repair --ended` was told to by somebody who was wrong
                 os.utime(self._descriptor)
             except OSError as error:
                 log.warning("the run's %s cannot be touched (%s): elsewhere it will look silent", LOCK, error.strerror)
