@@ -105,6 +105,16 @@ def full(number: int, rng: Random, here: Path) -> Iterator[str]:
     yield from within(scenario, fault, ended, after_shortage(scenario, here, ended, error in SHORTAGES))
 
 
+def cacheless(number: int, rng: Random, here: Path) -> Iterator[str]:
+    """The cache cannot be written, from any operation on: no run pays for it."""
+    scenario = _nth(["map", "warm", "cleaning", "sweep"], number)
+    count = sum("logs/cache" in operation.path for operation in scenario.operations)
+    fault = Fault("fail", rng.randint(1, count + 1), rng.choice(ERRORS), rng.random() < 0.5, "logs/cache")
+    scenario.prepare(here)
+    ended = scenario.start(here, fault=fault).wait()
+    yield from within(scenario, fault, ended, _after_pipes(scenario, here, ended, float("inf")))
+
+
 def limited(number: int, rng: Random, here: Path) -> Iterator[str]:
     """No file may grow beyond a size (RLIMIT_FSIZE)."""
     scenario = _nth(["run", "sweep", "map", "render"], number)

@@ -34,13 +34,14 @@ PLAN = struct.Struct("5q1024s1024s")
 class Fault:
     """What befalls the command at its `at`-th operation on files below its folder: of `ACTIONS`, with a number (errno, signal).
 
-    `torn`: a write does half of its work first. `fail` goes on from there.
+    `torn`: a write does half of its work first. `fail` goes on from there. `below`: only operations in this subfolder.
     """
 
     action: str
     at: int
     number: int = 0
     torn: bool = False
+    below: str = ""
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,8 @@ class Command:
     def _plan_of(self, fault: Fault | None) -> None:
         action = ACTIONS.index(fault.action) if fault else 0
         numbers = (fault.at, action, fault.number, int(fault.torn)) if fault else (0, 0, 0, 0)
-        watched, log = str(self.folder.resolve()).encode(), str(self._plan / "operations").encode()
+        watched = str(self.folder.resolve() / (fault.below if fault else "")).encode()
+        log = str(self._plan / "operations").encode()
         (self._plan / "plan").write_bytes(PLAN.pack(0, *numbers, watched, log))
 
     def send(self, number: int, group: bool = False) -> int:

@@ -11,6 +11,7 @@ FAMILIES: dict[str, Case] = {
     "instant": torture_cases.instant,
     "signal": torture_cases.heard,
     "full": torture_cases.full,
+    "cache": torture_cases.cacheless,
     "limit": torture_cases.limited,
     "pipe": torture_cases.pipes,
     "disk": torture_surroundings.disk,

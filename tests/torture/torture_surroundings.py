@@ -232,7 +232,7 @@ def identity(number: int, rng: Random, here: Path) -> Iterator[str]:
     for ended in [command.wait() for command in commands]:
         yield from _alike("four at once", _results_of(here, ended), expected)
     launchers: list[tuple[str, ...]] = [()]
-    if importlib.util.find_spec("hydra_plugins.hydra_joblib_launcher"):
+    if importlib.util.find_spec("hydra_plugins") and importlib.util.find_spec("hydra_plugins.hydra_joblib_launcher"):
         launchers.append(LAUNCHER)
     for more in launchers:
         swept = run(here, "-m", *argv, "seed=0,1", *more)
