@@ -38,11 +38,11 @@ def instant(number: int, rng: Random, here: Path) -> Iterator[str]:
     )
     scenario.prepare(here)
     command = scenario.start(here)
-    command.runs(rng.uniform(0.1, 12))
+    command.runs(rng.uniform(0.1, 8))
     at = command.send(signal.SIGKILL, group=rng.random() < 0.5)
     ended = command.wait()
     killed = ended.code == -signal.SIGKILL
-    after = SCENARIOS["run"] if scenario.name == "endless" else scenario
+    after = SCENARIOS["map"] if scenario.name == "endless" else scenario
     yield from within(after, f"after {len(ended.operations)} operations", ended, _after_kill(after, here, at * killed))
 
 

@@ -115,6 +115,9 @@ def listing(folder: Path, *states: str) -> Iterator[str]:
 def mended_logs(folder: Path, killed_ns: int = 0) -> Iterator[str]:
     """`omnilab repair` mends the logs of each run that did not end; other readers read them, and little is lost."""
     for found in runs_of(folder):
+        if found.state == "done":
+            yield from unreadable_logs(found.folder)
+            continue
         place = str(found.folder)
         mended = run(folder, "repair", place)
         if mended.code != 0 or "Traceback" in mended.stderr:
