@@ -3,6 +3,7 @@ is named for what it is."""
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import re
@@ -51,18 +52,16 @@ GRAPH = re.compile(rb"\s*(?:#[^\n]*\n\s*)*(VERTEX|EDGE)")
 
 
 def opened(file: Path, largest: int) -> io.BufferedReader | io.BytesIO:
-    """A regular file of up to `largest` bytes, open; ValueError says what it is instead, OSError why it cannot be read.
+    """A regular file of up to `largest` bytes, open; OSError, whose `strerror` says why, where there is none.
 
     Never waits for a pipe, and never opens a device. What says that it is empty is not read: files of /proc may not end.
     """
-    if "\0" in str(file):
-        raise ValueError("its name holds the character NUL")
-    _check(file.stat(), largest)
+    _check(_stat(file), largest)
     stream = os.fdopen(os.open(file, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
     found = os.fstat(stream.fileno())
     try:
         _check(found, largest)  # another may have taken its place
-    except ValueError:
+    except OSError:
         stream.close()
         raise
     if found.st_size == 0:
@@ -76,17 +75,33 @@ def content_of(file: Path, largest: int) -> bytes:
     with opened(file, largest) as stream:
         data = stream.read(largest + 1)
     if len(data) > largest:  # it grows
-        raise ValueError(f"it has more than {largest} bytes")
+        raise OSError(errno.EFBIG, f"it has more than {largest} bytes")
     return data
+
+
+def is_folder(path: str | Path) -> bool:
+    """Whether there is a folder of this name; False for what no name may be, or nobody may look at."""
+    return os.path.isdir(path)  # noqa: PTH112  pathlib raises for some of these
+
+
+def is_file(path: str | Path) -> bool:
+    """Whether there is a regular file of this name; False for what no name may be, or nobody may look at."""
+    return os.path.isfile(path)  # noqa: PTH113
+
+
+def _stat(file: Path) -> os.stat_result:
+    if "\0" in str(file):
+        raise OSError(errno.EINVAL, "its name holds the character NUL")
+    return file.stat()
 
 
 def _check(found: os.stat_result, largest: int) -> None:
     if stat.S_ISDIR(found.st_mode):
-        raise ValueError("it is a folder")
+        raise OSError(errno.EISDIR, "it is a folder")
     if not stat.S_ISREG(found.st_mode):
-        raise ValueError("it is a pipe or a device, no file")
+        raise OSError(errno.EINVAL, "it is a pipe or a device, no file")
     if found.st_size > largest:
-        raise ValueError(f"it has {found.st_size} bytes, more than {largest}")
+        raise OSError(errno.EFBIG, f"it has {found.st_size} bytes, more than {largest}")
 
 
 def kind_of_file(file: Path) -> str | None:
@@ -94,7 +109,7 @@ def kind_of_file(file: Path) -> str | None:
 
     Never reads a pipe or a device. OSError where there is nothing, or it cannot be read.
     """
-    mode = file.stat().st_mode
+    mode = _stat(file).st_mode
     if stat.S_ISDIR(mode):
         return "the folder of a ROS 2 bag" if (file / "metadata.yaml").is_file() else "a folder"
     if not stat.S_ISREG(mode):

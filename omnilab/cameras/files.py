@@ -20,6 +20,7 @@ from omnilab.cameras.formats.unread import READ, known_file, known_keys, known_t
 from omnilab.cameras.ocam import OCamCamera
 from omnilab.cameras.plausibility import check_sees
 from omnilab.errors import ConfigError, DataError
+from omnilab.file_kinds import content_of
 
 LARGEST_FILE = 2**20  # bytes
 DISTORTIONS = ("radtan", "equidistant")
@@ -137,14 +138,9 @@ def _read_text(path: Path) -> str:
     try:
         if known := known_file(path):
             raise DataError(f"{path} {known}")
-        with path.open("rb") as file:
-            data = file.read(LARGEST_FILE + 1)
+        data = content_of(path, LARGEST_FILE)
     except OSError as error:
         raise DataError(f"{path} cannot be read ({error.strerror}); give a file that describes a camera") from None
-    except ValueError:  # a NUL in the name
-        raise DataError(f"{str(path)!r} is no path; give a file that describes a camera") from None
-    if len(data) > LARGEST_FILE:
-        raise DataError(f"{path} is larger than {LARGEST_FILE >> 20} MiB; that is no camera")
     text = data.decode("utf-8-sig", errors="replace")
     if known := known_text(text):
         raise DataError(f"{path} {known}")

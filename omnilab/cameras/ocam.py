@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import stat
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 from omnilab.api import Floats
 from omnilab.cameras.lenses import AxialCamera, off_axis
 from omnilab.errors import ConfigError, DataError
+from omnilab.file_kinds import content_of
 
 LARGEST_FILE = 65536  # bytes; real ones have about one thousand
 MOST_COEFFICIENTS = 32
@@ -151,14 +151,9 @@ def _lines(path: Path) -> dict[str, str]:
 
 def _text(path: Path) -> str:
     try:
-        if not stat.S_ISREG(path.stat().st_mode):  # a pipe would be waited for
-            raise DataError(f"{path} is no file, but a folder or a device; give a calib_results.txt")
-        with path.open("rb") as file:
-            data = file.read(LARGEST_FILE + 1)
+        data = content_of(path, LARGEST_FILE)
     except OSError as error:
         raise DataError(f"{path} cannot be read ({error.strerror}); give a calib_results.txt") from error
-    if len(data) > LARGEST_FILE:
-        raise DataError(f"{path} has more than {LARGEST_FILE} bytes; a calib_results.txt has about one thousand")
     return data.decode("utf-8", errors="replace")
 
 

@@ -6,6 +6,7 @@ vector, as GTSAM, Ceres and SE-Sync do; g2o's own error is half of that vector. 
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,7 @@ import numpy as np
 
 from omnilab.api import Floats, PoseGraph
 from omnilab.errors import DataError
-from omnilab.file_kinds import POSE_GRAPH, kind_of_file
+from omnilab.file_kinds import POSE_GRAPH, kind_of_file, opened
 from omnilab.posegraph.graph import check_graph, dead_reckoning
 from omnilab.posegraph.plausibility import check_convention
 from omnilab.posegraph.tags import ORDERS, SKIPPED, TAGS, Tag, refusal
@@ -78,9 +79,7 @@ def _lines(path: Path) -> Iterator[tuple[int, str, list[str]]]:
     try:
         if (kind := kind_of_file(path)) not in {None, POSE_GRAPH}:
             raise DataError(f"{path} is {kind}, no pose graph; give a g2o or TORO file")
-        if path.stat().st_size > MOST_BYTES:
-            raise DataError(f"{path} is larger than {MOST_BYTES >> 20} MiB; give a smaller graph")
-        with path.open(encoding="utf-8-sig") as file:
+        with io.TextIOWrapper(opened(path, MOST_BYTES), encoding="utf-8-sig") as file:
             for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE + 1), ""), 1):
                 word, *values = line.partition("#")[0].split() or [""]
                 if word and word not in TAGS and word not in SKIPPED:

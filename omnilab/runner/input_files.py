@@ -133,7 +133,7 @@ def _folder_of_runs(settings: Any) -> set[str]:
 def _digest(place: str, aside: Collection[str]) -> str | None:
     try:
         return _listing(place, aside) if os.path.isdir(place) else _content(place)
-    except (OSError, ValueError):
+    except OSError:
         return None
 
 

@@ -20,6 +20,7 @@ from omnilab.api import Array, Places, Provenance, Signatures
 from omnilab.arrays import read_npz
 from omnilab.atomic_files import write_whole
 from omnilab.errors import DataError
+from omnilab.file_kinds import is_file, is_folder
 from omnilab.runner.boundaries import unsound
 
 FILE = "map.npz"
@@ -47,10 +48,10 @@ def map_file(path: Path) -> Path:
 
     Links are followed now: `latest` will point at the next run.
     """
-    file = (path / FILE if path.is_dir() else path).resolve()
-    if not file.is_file():
+    file = path / FILE if is_folder(path) else path
+    if not is_file(file):
         raise DataError(f"there is no map {file}; make one: omnilab experiment=map")
-    return file
+    return file.resolve()
 
 
 def about_map(path: Path) -> dict[str, Any]:

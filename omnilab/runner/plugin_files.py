@@ -17,6 +17,7 @@ from types import ModuleType
 from typing import Any
 
 from omnilab.errors import PluginError
+from omnilab.file_kinds import is_file
 
 VARIABLE = "OMNILAB_PLUGINS"
 __path__: list[str] = []  # a package, though no folder has its modules
@@ -29,12 +30,14 @@ def chosen_plugins() -> list[str]:
 
 def file_of(word: str) -> Path | None:
     """The file that a word of OMNILAB_PLUGINS names; None if it names a plugin."""
-    return Path(word).expanduser() if word.endswith(".py") and not word.startswith("-") else None
+    if not word.endswith(".py") or word.startswith("-"):
+        return None
+    return Path(os.path.expanduser(word))  # noqa: PTH111  pathlib raises where there is no such user
 
 
 def load_file(path: Path) -> ModuleType:
     """Import a plugin's file as a module; PluginError if there is none."""
-    if not path.is_file():
+    if not is_file(path):
         raise PluginError(f"there is no file {path}; correct the path in {VARIABLE}")
     if found := sys.modules.get(_module_name(path)):  # in a worker, by what was unpickled
         return found
@@ -52,7 +55,7 @@ def load_file(path: Path) -> ModuleType:
 
 
 def _module_name(path: Path) -> str:
-    digest = hashlib.sha256(os.fsencode(path.resolve())).hexdigest()[:8]  # two files may have the same name
+    digest = hashlib.sha256(os.fsencode(os.path.realpath(path))).hexdigest()[:8]  # two files may have the same name
     return f"{__name__}.{re.sub(r'[^0-9A-Za-z_]', '_', path.stem)}_{digest}"
 
 
@@ -62,7 +65,7 @@ class _Finder:
     def find_spec(self, fullname: str, path: Any = None, target: Any = None) -> ModuleSpec | None:  # noqa: ARG002
         if fullname.startswith(f"{__name__}."):
             for file in filter(None, map(file_of, chosen_plugins())):
-                if file.is_file() and _module_name(file) == fullname:
+                if is_file(file) and _module_name(file) == fullname:
                     return importlib.util.spec_from_file_location(fullname, file)
         return None
 

@@ -8,6 +8,7 @@ all installed ones out but for those that are named.
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import traceback
@@ -202,7 +203,7 @@ def _plugins(chosen: Sequence[str]) -> Iterator[Plugin]:
         name, version = (point.dist.name, point.dist.version) if point.dist else ("?", "")
         found.append(Plugin(point.name, name, version, point.load, point.name if count[point.name] == 1 else name))
     found.sort(key=lambda p: (p.distribution not in own, p.distribution, p.name))
-    files = {file.resolve(): (file, word) for word in chosen if (file := file_of(word))}  # each once
+    files = {os.path.realpath(file): (file, word) for word in chosen if (file := file_of(word))}  # each once
     found += [Plugin(file.stem, word, "", partial(load_file, file), word) for file, word in files.values()]
     known = {name for plugin in found for name in (plugin.name, plugin.distribution)}
     for word in chosen:

@@ -18,7 +18,7 @@ from omnilab.runner.signature_store import SignatureStore, is_alike, keys_of, ow
 
 log = logging.getLogger("omnilab")
 
-FORMAT = 1  # of the files
+FORMAT = 2  # of the files
 STALE_S = 3600.0  # what is still unfinished then was left by a process that died
 KEPT = 0.9  # of the limit, when it was passed
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import re
@@ -17,10 +18,13 @@ import numpy.typing as npt
 from omnilab.api import Array, Bytes, Signatures
 from omnilab.arrays import read_npz
 from omnilab.atomic_files import PART, write_whole
+from omnilab.file_kinds import content_of
 
 KEY_BYTES = 16  # of an image's digest
 ABOUT = "about.txt"  # names the descriptor; its digest is the name of the folder
 LONGEST_ABOUT = 2**20  # bytes
+LARGEST_FILE = 2**32  # bytes
+DIGESTS = {"keys": 2, "of": 1}  # arrays of digests, and how many dimensions they have
 OWN_NAME = re.compile(r"[0-9a-f]{32}\.npz|([0-9a-f]{32}(\.npz)?|about(\.txt)?)" + PART)
 DAMAGED = (ValueError, MemoryError)
 Arrays = dict[str, Array]
@@ -39,16 +43,17 @@ def own_files(cache: Path) -> Iterator[Path]:
     """
     for about in cache.glob(f"*/{ABOUT}"):
         if is_own_folder(about.parent):
-            yield from (file for file in about.parent.iterdir() if _is_own(file))
+            with suppress(OSError):  # thrown away meanwhile, or not ours to read
+                yield from (file for file in about.parent.iterdir() if _is_own(file))
 
 
 def is_own_folder(folder: Path) -> bool:
-    """Whether the folder is named by the digest of what its `about.txt` says."""
+    """Whether the folder is named by the digest of what its `about.txt` says, and is no link to one elsewhere."""
     about = folder / ABOUT
     try:
-        if not _is_plain(about) or about.stat().st_size > LONGEST_ABOUT:
+        if folder.is_symlink() or not _is_plain(about):
             return False
-        return folder.name == _digest(about.read_bytes())
+        return folder.name == _digest(content_of(about, LONGEST_ABOUT))
     except OSError:  # thrown away meanwhile, or not ours to read
         return False
 
@@ -71,12 +76,15 @@ class SignatureStore:
     """A folder with one .npz file for each batch: the digests `keys` (N, 16) of its images and their signatures.
 
     A file is written under another name first and never changed afterwards: whoever writes may be killed at any time.
-    A file that cannot be read is removed, and `damaged` called with it and what was wrong.
+    It holds the digest of the folder, `of` (16,), and is named by that of its keys, and each array has a checksum: what
+    was damaged, or belongs elsewhere, is removed, and `damaged` called with it and what was wrong. Others may own the
+    folder, or allow it to be read alone.
     """
 
     def __init__(self, folder: Path, about: str, damaged: Callable[[Path, Exception], None]) -> None:
         self.folder = folder / _digest(about.encode())
         self._about = about
+        self._of = np.frombuffer(bytes.fromhex(self.folder.name), np.uint8)
         self._damaged = damaged
         self._index: dict[bytes, tuple[Path, int]] = {}  # an image's digest: file and row
         self._seen: set[Path] = set()
@@ -104,18 +112,21 @@ class SignatureStore:
                 continue
             put(room, positions, stored[rows])
             known += positions.tolist()
-            with suppress(FileNotFoundError):
+            with suppress(OSError):  # thrown away, or not ours to change
                 os.utime(file)  # used last
         return room, known
 
     def store(self, keys: Sequence[bytes], made: Signatures) -> int:
         """Write one batch; how many bytes it takes. OSError if the disk does not take it."""
         self.folder.mkdir(parents=True, exist_ok=True)
+        if self.folder.is_symlink():
+            raise OSError(errno.ELOOP, f"{self.folder.name} in it is a link")
         if not is_own_folder(self.folder):  # new, or its writer was killed
             write_whole(self.folder / ABOUT, lambda out: out.write(self._about.encode()))
         joined = b"".join(keys)
-        file = self.folder / f"{hashlib.sha256(joined).hexdigest()[:32]}.npz"
+        file = self.folder / f"{_digest(joined)}.npz"
         arrays: dict[str, Any] = {"keys": np.frombuffer(joined, np.uint8).reshape(-1, KEY_BYTES), "place": made.place}
+        arrays["of"] = self._of
         arrays |= {} if made.heading is None else {"heading": made.heading}
         size = write_whole(file, lambda out: np.savez(out, **arrays))
         self._take_up(file, keys)
@@ -123,9 +134,17 @@ class SignatureStore:
 
     def _refresh(self) -> None:
         """Take up the files that have appeared, by whatever process."""
+        if self.folder.is_symlink():  # to what another may have chosen
+            return
         for file in sorted(set(filter(_is_own, self.folder.glob("*.npz"))) - self._seen):
-            if arrays := self._read(file, ("keys",)):
-                self._take_up(file, [key.tobytes() for key in arrays["keys"]])
+            self._seen.add(file)
+            arrays = self._read(file, ("keys", "of"))
+            if arrays is None:
+                continue
+            if not np.array_equal(arrays["of"], self._of) or file.stem != _digest(arrays["keys"].tobytes()):
+                self._remove(file, ValueError("it is of other images or of another descriptor"))
+                continue
+            self._take_up(file, [key.tobytes() for key in arrays["keys"]])
 
     def _take_up(self, file: Path, keys: Sequence[bytes]) -> None:
         self._seen.add(file)
@@ -134,7 +153,7 @@ class SignatureStore:
     def _read(self, file: Path, names: Sequence[str]) -> Arrays | None:
         """Some arrays of a file (zip's checksums tell whether they are whole); None if it is gone or damaged."""
         try:
-            arrays = read_npz(file, names)
+            arrays = read_npz(file, names, LARGEST_FILE)
             if lacking := [name for name in names if name != "heading" and name not in arrays]:
                 raise ValueError(f"{lacking[0]} is missing")
             _check(arrays)
@@ -143,24 +162,29 @@ class SignatureStore:
         except DAMAGED as error:
             self._remove(file, error)
             return None
+        except OSError as error:
+            self._damaged(file, error)
+            return None
         return arrays
 
     def _remove(self, file: Path, error: Exception) -> None:
-        file.unlink(missing_ok=True)
+        with suppress(OSError):  # it may belong to another user
+            if is_own_folder(self.folder):
+                file.unlink(missing_ok=True)
         self._damaged(file, error)
 
 
 def _check(arrays: Arrays) -> None:
     """ValueError unless the arrays are such as `store` writes: those of a descriptor that keeps its contract."""
     keys = arrays["keys"]
-    if keys.dtype != np.uint8 or keys.ndim != 2 or keys.shape[1] != KEY_BYTES:
-        raise ValueError(f"keys are {keys.dtype} {keys.shape}")
     for name, array in arrays.items():
-        if name == "keys":
-            continue
-        if array.dtype != np.float32 or array.ndim < 2 or len(array) != len(keys) or 0 in array.shape[1:]:
+        if name in DIGESTS:
+            fits = array.dtype == np.uint8 and array.ndim == DIGESTS[name] and array.shape[-1] == KEY_BYTES
+        else:
+            fits = array.dtype == np.float32 and array.ndim > 1 and len(array) == len(keys) and 0 not in array.shape
+        if not fits:
             raise ValueError(f"{name} is {array.dtype} {array.shape}")
-        if not np.isfinite(array).all():
+        if name not in DIGESTS and not np.isfinite(array).all():
             raise ValueError(f"{name} holds NaN or infinity")
 
 

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from omnilab.api import Bools, Floats, Ints
 from omnilab.errors import DataError
-from omnilab.file_kinds import how_to_export, kind_of_file
+from omnilab.file_kinds import content_of, how_to_export, kind_of_file
 from omnilab.trajectory.clocks import unit_of
 from omnilab.trajectory.columns import LENGTHS, MATRIX, QUATERNION, ROTATIONS, STAMPS, TUM
 from omnilab.trajectory.lookalikes import NUMBER, image_column, misnamed
@@ -231,9 +231,7 @@ def _text(file: Path) -> str:
         if kind is not None:
             remedy = how_to_export(file, kind) or f"give {FORMATS}"
             raise DataError(f"{file} is {kind}, and no text of poses; {remedy}")
-        if file.stat().st_size > LARGEST_FILE:
-            raise DataError(f"{file} is larger than {LARGEST_FILE >> 20} MiB; split it")
-        data = file.read_bytes()
+        data = content_of(file, LARGEST_FILE)
     except OSError as error:
         raise DataError(f"the poses {file} cannot be read ({error.strerror}); give {FORMATS}") from None
     try:

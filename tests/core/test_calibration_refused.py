@@ -177,12 +177,12 @@ def test_a_bomb_of_aliases_takes_no_time(refused):
 
 
 def test_large_files_folders_pipes_and_names_that_are_none(refused, tmp_path):
-    assert "is larger than 1 MiB" in refused("a: 1\n" * 300_000)
+    assert "more than 1048576" in refused("a: 1\n" * 300_000)
     os.mkfifo(tmp_path / "pipe")
     for bad, what in ((tmp_path, "is a folder"), (tmp_path / "pipe", "is a pipe or a device, no file")):
         with pytest.raises(DataError, match=f"{what}, and no calibration that is read; give a camera.json"):
             load_camera(bad)
-    with pytest.raises(DataError, match="is no path"):
+    with pytest.raises(DataError, match="its name holds the character NUL"):
         load_camera("a\0b")
 
 

@@ -196,7 +196,7 @@ def run_folder(folder: Path) -> None:
     """List, show, repeat and repair a run, as far as they only read."""
     run = load_run(folder / "run")
     with contextlib.suppress(KeyError):
-        confirm(isinstance(headline(run), str), "no headline")
+        confirm(isinstance(headline(run.metrics), str), "no headline")
     confirm(all(isinstance(v, float) for v in run.metrics.values()), "a metric is no number")
     confirm(isinstance(run.state, str) and isinstance(run.manifest, dict) and isinstance(run.config, dict), "no run")
     confirm(len(find_runs(folder)) <= 1, "more runs than there are")

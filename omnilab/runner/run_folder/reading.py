@@ -15,10 +15,12 @@ from typing import Any
 
 from omnilab.atomic_files import is_process
 from omnilab.errors import DataError
+from omnilab.file_kinds import content_of
 from omnilab.runner.run_folder import process
 from omnilab.runner.run_folder.lock import REPAIR, RUN, LockState, ago, by_time, lock_state
 from omnilab.runner.run_folder.names import CONFIG, KILLED, MANIFEST, RUNNING, SILENT, STATUS
 
+LARGEST_FILE, LARGEST_TABLE = 4 * 2**20, 256 * 2**20  # bytes
 CLOCKS_S = 10.0  # by which the times of a process and of a file may differ
 
 
@@ -154,9 +156,8 @@ class LoadedRun:
     def _parse(self, name: str, parse: Callable[[str], Any]) -> Any:
         path = self.folder / name
         try:
-            if path.exists() and not path.is_file():  # a FIFO would never end
-                raise OSError("it is no file")
-            return parse(path.read_text(encoding="utf-8"))
+            largest = LARGEST_TABLE if path.suffix == ".csv" else LARGEST_FILE
+            return parse(content_of(path, largest).decode())
         except Exception as error:
             raise self._unreadable(name, _why(error)) from error
 

@@ -92,7 +92,7 @@ def test_it_pickles_after_it_has_run(network):
 
 
 def test_what_is_no_network(tmp_path, network):
-    with pytest.raises(DataError, match=r"is not there; give descriptor.model=FILE"):
+    with pytest.raises(DataError, match=r"cannot be read .No such file or directory.; give descriptor.model=FILE"):
         Onnx(str(tmp_path / "absent.onnx")).describe(PANORAMAS)
     (tmp_path / "text.onnx").write_text("hello")
     with pytest.raises(DataError, match="is no ONNX file that can be run"):

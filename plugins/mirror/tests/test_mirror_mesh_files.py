@@ -101,8 +101,8 @@ def test_a_file_that_is_not_there(tmp_path):
         ("../outside.png", "outside the folder"),
         ("broken.png", "cannot identify"),
         ("cut.png", "[Tt]runcated|broken"),
-        ("pipe.png", "no regular file"),
-        ("folder.png", "no regular file"),
+        ("pipe.png", "a pipe or a device, no file"),
+        ("folder.png", "is a folder"),
         ("program.png", "cannot identify"),
     ],
 )
@@ -155,7 +155,7 @@ def test_what_is_too_large_is_refused(write, tmp_path, monkeypatch):
     write("newmtl it\nmap_Kd t.png\n", "a.mtl")
     for module, limit, value, sentence in (
         (mesh_file, "MAX_TRIANGLES", 2, "has 3 triangles, 2 may be read; decimate"),
-        (mesh_file, "MAX_BYTES", {".obj": 10}, "bytes, 10 may be read; decimate"),
+        (mesh_file, "MAX_BYTES", {".obj": 10}, "bytes, more than 10.; decimate"),
         (mesh_materials, "MAX_PIXELS", 100, "'t.png' has 64 x 32 pixels, 100 may be read; make it smaller"),
         (mesh_materials, "MAX_TEXELS", 100, "textures of more than 100 pixels; make them smaller"),
     ):

@@ -94,7 +94,7 @@ def test_a_mesh_of_many_objects_is_read_and_described_once(check, write, monkeyp
 def test_what_is_no_file_is_named(tmp_path):
     os.mkfifo(tmp_path / "pipe.yaml")
     for name in ("pipe.yaml", ""):
-        with pytest.raises(ConfigError, match=r"is a folder, a pipe or a device; give the path"):
+        with pytest.raises(ConfigError, match=r"is a folder, a pipe, a device or a link to nothing; give the path"):
             load_world(str(tmp_path / name))
 
 
@@ -266,8 +266,8 @@ TEXTURED = "map_m: [1, 1]\ntextures:\n  it: {{kind: image, file: {}}}\nobjects:\
     ("name", "reason"),
     [
         ('"a\\0b.png"', "NUL"),
-        ("pipe.png", "no regular file"),
-        ("folder.png", "no regular file"),
+        ("pipe.png", "a pipe or a device, no file"),
+        ("folder.png", "is a folder"),
         ("loop.png", "symbolic links"),
         ("out.png", "outside the folder"),
         ("bomb.png", r"at most 40000000 pixels \(it has more than"),
@@ -321,7 +321,9 @@ def test_turns_in_radians_are_asked_about(check, write, small, angle, meant):
     assert not meant or f"'crate' has turn_deg={angle:.4g}; if that is in radians, write {meant}" in out
 
 
-@pytest.mark.parametrize(("name", "reason"), [('"a\\0.obj"', "NUL"), ("pipe.obj", "no regular file|cannot be read")])
+@pytest.mark.parametrize(
+    ("name", "reason"), [('"a\\0.obj"', "NUL"), ("pipe.obj", "a pipe or a device, no file|cannot be read")]
+)
 def test_meshes_that_are_no_files_are_refused(write, tmp_path, name, reason):
     os.mkfifo(tmp_path / "pipe.obj")
     with pytest.raises(DataError, match=f"line 3: object 1 has .*({reason})"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +13,7 @@ import numpy as np
 
 from omnilab.api import Bools, GridPoses, Ints, NamedPath, PathPoses, PoseRequest, RecordedPoses
 from omnilab.errors import ConfigError, DataError
-from omnilab.file_kinds import how_to_export, kind_of_file
+from omnilab.file_kinds import how_to_export, is_file, kind_of_file
 from omnilab.trajectory.tables import read_table
 from omnilab_recordings.images.files import SUFFIXES, as_on_disk, existing, image_names
 from omnilab_recordings.poses.filename_poses import Naming, positions_of
@@ -112,8 +113,8 @@ def open_recording(
     """
     if not _is_folder(folder):
         raise _no_folder(folder)
-    aside = {(folder / name).resolve() for name in not_images}
-    found = [name for name in image_names(folder, pattern) if (folder / name).resolve() not in aside]
+    aside = {os.path.realpath(folder / name) for name in not_images if "\0" not in name}
+    found = [name for name in image_names(folder, pattern) if os.path.realpath(folder / name) not in aside]
     if not found:
         endings = " ".join(sorted(SUFFIXES))
         lost = [file for file in folder.iterdir() if file.is_symlink() and not file.exists()]
@@ -157,7 +158,7 @@ def _positions_of(folder: Path, positions: str | None, found: Sequence[str]) -> 
     if positions is None:
         return None
     file = existing(folder / positions)
-    if not file.exists():
+    if not os.path.lexists(file):
         if positions == POSITIONS_FILE:  # the default
             return None
         raise DataError(f"the positions file {folder / positions} does not exist; give sensor.positions=FILE or null")
@@ -166,7 +167,7 @@ def _positions_of(folder: Path, positions: str | None, found: Sequence[str]) -> 
 
 
 def _check_no_file(folder: Path, positions: str | None) -> None:
-    if positions is not None and (positions != POSITIONS_FILE or (folder / positions).is_file()):
+    if positions is not None and (positions != POSITIONS_FILE or is_file(folder / positions)):
         raise ConfigError(
             f"poses are given by {folder / positions} and by sensor.names;"
             " give sensor.positions=null to take the names, or leave sensor.names out"

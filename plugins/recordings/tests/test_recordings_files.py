@@ -154,11 +154,14 @@ def test_a_pipe_among_images_does_not_wait_for_ever(tmp_path):
     picture(tmp_path / "0.png")
     os.mkfifo(tmp_path / "1.png")
     sensor = Folder(tmp_path)
-    with pytest.raises(DataError, match=r"^1\.png is no file but a pipe; replace it, or .*on_bad_image=skip$"):
+    with pytest.raises(
+        DataError,
+        match=r"^1\.png cannot be read .it is a pipe or a device, no file.; replace it, or .*on_bad_image=skip$",
+    ):
         list(sensor.frames(sensor.plan(RecordedPoses())))
     sensor = Folder(tmp_path, on_bad_image=OnBadImage.skip)
     (frames,) = sensor.frames(sensor.plan(RecordedPoses()))
-    assert frames.omitted == ["1.png is no file but a pipe"]
+    assert frames.omitted == ["1.png cannot be read (it is a pipe or a device, no file)"]
 
 
 def test_a_device_and_a_folder_are_no_images(tmp_path):
@@ -166,7 +169,7 @@ def test_a_device_and_a_folder_are_no_images(tmp_path):
     (tmp_path / "1.png").mkdir()
     (tmp_path / "2.png").symlink_to("/dev/zero")
     sensor = Folder(tmp_path)
-    with pytest.raises(DataError, match=r"^2\.png is no file but a device"):
+    with pytest.raises(DataError, match=r"^2\.png cannot be read .it is a pipe or a device, no file"):
         list(sensor.frames(sensor.plan(RecordedPoses())))
     (tmp_path / "2.png").unlink()
     (tmp_path / "2.png").symlink_to(tmp_path / "gone.png")

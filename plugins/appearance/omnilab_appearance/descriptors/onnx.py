@@ -12,6 +12,7 @@ import numpy as np
 
 from omnilab.api import Bytes, Floats, Signatures, check_settings, setting
 from omnilab.errors import ConfigError, DataError
+from omnilab.file_kinds import content_of
 from omnilab.image import to_color
 
 LARGEST_FILE = 2**31  # bytes
@@ -100,10 +101,12 @@ class Onnx:
     @cached_property
     def _session(self) -> Any:
         file = Path(self.model)
-        if not file.is_file():
-            raise DataError(f"{self.model} is not there; give descriptor.model=FILE, an ONNX file")
-        if file.stat().st_size > LARGEST_FILE:
-            raise DataError(f"{self.model} is larger than {LARGEST_FILE >> 30} GiB; give a smaller network")
+        try:
+            network = content_of(file, LARGEST_FILE)
+        except OSError as error:
+            raise DataError(
+                f"{self.model} cannot be read ({error.strerror}); give descriptor.model=FILE, an ONNX file"
+            ) from None
         try:
             import onnxruntime as ort
         except ImportError:
@@ -114,7 +117,7 @@ class Onnx:
         options.intra_op_num_threads = 1  # sums are made in the same order everywhere
         try:
             # from memory: a file's external data could lie anywhere on the disk
-            return ort.InferenceSession(file.read_bytes(), options, providers=["CPUExecutionProvider"])
+            return ort.InferenceSession(network, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # noqa: BLE001  its exceptions share no other base
             first = str(error).strip().splitlines()[0][:200]
             raise DataError(f"{self.model} is no ONNX file that can be run ({first}); export it anew") from None

@@ -174,9 +174,7 @@ class Eigenspace:
     def load(cls, path: Path, settings: RotationalPca) -> Eigenspace:
         """What `save` wrote; DataError unless it was fitted with such settings."""
         try:
-            if path.stat().st_size > LARGEST_FILE:
-                raise DataError(f"{path} is larger than {LARGEST_FILE >> 30} GiB; that is no eigenspace of ours")
-            state = read_npz(path)
+            state = read_npz(path, largest=LARGEST_FILE)
         except (OSError, ValueError) as error:
             reason = error.strerror if isinstance(error, OSError) else error
             raise DataError(f"{path} holds no eigenspace ({reason}); write one with Eigenspace.save") from None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable
 from functools import lru_cache
 from importlib.resources import files
@@ -12,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from omnilab.errors import ConfigError, DataError
+from omnilab.file_kinds import content_of, is_file
 from omnilab_mirror.scene.file_stamps import Stamp, stamp_of, stamps_of
 from omnilab_mirror.scene.light import Illumination, light
 from omnilab_mirror.scene.meshes.hints import unit_of_areas
@@ -19,7 +21,7 @@ from omnilab_mirror.scene.model import Model
 from omnilab_mirror.scene.objects import add_object
 from omnilab_mirror.scene.paths import route
 from omnilab_mirror.scene.textures.canvas import Paint
-from omnilab_mirror.scene.textures.images import images_of
+from omnilab_mirror.scene.textures.images import MAX_IMAGE_BYTES, images_of
 from omnilab_mirror.scene.textures.procedural import paint, sky_of
 from omnilab_mirror.scene.variants import content
 from omnilab_mirror.scene.world import World
@@ -88,9 +90,11 @@ def _check_no_mesh(file: Path, up: str | None, scale: float) -> None:
 def file_of(world: str) -> Path:
     """The file of a world; ConfigError if there is none."""
     file = shipped().get(world, Path(world))
-    if not file.is_file():
-        if "\0" not in world and file.exists():
-            raise ConfigError(f"world={world!r} is a folder, a pipe or a device; give the path of a YAML or mesh file")
+    if not is_file(file):
+        if os.path.lexists(file):
+            raise ConfigError(
+                f"world={world!r} is a folder, a pipe, a device or a link to nothing; give the path of a YAML or mesh file"
+            )
         raise ConfigError(
             f"world={world!r} cannot be read (there is no such file); give the path of a YAML or mesh file or a name: {suggestion(world, shipped())}"
         )
@@ -99,12 +103,7 @@ def file_of(world: str) -> Path:
 
 def _bytes(file: Path) -> bytes:
     try:
-        size = file.stat().st_size
-        if size > MAX_BYTES:
-            raise DataError(
-                f"{file} has {size} bytes, a world file may have {MAX_BYTES}; split the world or shorten it"
-            )
-        return file.read_bytes()
+        return content_of(file, MAX_BYTES)
     except OSError as error:
         raise ConfigError(f"{file} cannot be read ({error.strerror}); give the path of a YAML or mesh file") from None
 
@@ -146,7 +145,7 @@ def _build(file: Path, data: bytes, variant: str | None, problems: list[DataErro
             f"{file} needs {texels:.0f} texels; a world needs a face, and up to {MAX_TEXELS} texels: {advice}"
         )
     named = images_of(textures.values()) if not problems else []
-    pictures = [path.read_bytes() for path in named]
+    pictures = [content_of(path, MAX_IMAGE_BYTES) for path in named]
     meshes = [mesh.digest.encode() for mesh in model.meshes]
     return World(
         _digest([data, repr(variant).encode(), *pictures, *meshes]),

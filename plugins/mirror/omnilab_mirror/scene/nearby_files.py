@@ -1,4 +1,4 @@
-"""Files that a world or a mesh names: only regular files in its folder or below are read, and only so many bytes."""
+"""Files that a world or a mesh names: only those in its folder or below are read."""
 
 from __future__ import annotations
 
@@ -35,13 +35,3 @@ def _found(path: Path) -> Path:
 
 def _composed(name: str) -> str:
     return unicodedata.normalize("NFC", name)
-
-
-def bytes_of(path: Path, limit: int) -> bytes:
-    """The content of a regular file of up to `limit` bytes; OSError or ValueError says why it cannot be read."""
-    size = path.stat().st_size
-    if not path.is_file():  # a pipe would be waited for, a device has no end
-        raise ValueError("it is no regular file")
-    if size > limit:
-        raise ValueError(f"it has {size} bytes, more than {limit}")
-    return path.read_bytes()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import stat
 import unicodedata
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
@@ -11,6 +10,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath
 
 from omnilab.errors import DataError
+from omnilab.file_kinds import content_of
 from omnilab_recordings.images.order import in_order
 
 SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"})
@@ -89,16 +89,6 @@ def read_bytes(folder: Path, name: str) -> bytes:
     """The content of a file below the folder; DataError if it cannot be read or is too large for an image."""
     file = existing(folder / name)
     try:
-        found = file.stat()
-        if not stat.S_ISREG(found.st_mode):  # reading a pipe would wait for ever
-            raise DataError(f"{name} is no file but a {_kind(found.st_mode)}")
-        if found.st_size > LARGEST_FILE:
-            raise DataError(f"{name} is larger than {LARGEST_FILE >> 20} MiB")
-        return file.read_bytes()
+        return content_of(file, LARGEST_FILE)
     except OSError as error:
         raise DataError(f"{name} cannot be read ({error.strerror})") from error
-
-
-def _kind(mode: int) -> str:
-    kinds = {stat.S_IFIFO: "pipe", stat.S_IFSOCK: "socket", stat.S_IFDIR: "folder"}
-    return kinds.get(stat.S_IFMT(mode), "device")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import hashlib
 import io
 import json
@@ -20,6 +19,7 @@ from omnilab.api import Bytes, Camera, Floats, Ints, Parts, Plan
 from omnilab.atomic_files import PART, is_process, write_whole
 from omnilab.cameras import ImageCircle, RayCamera, save_camera
 from omnilab.errors import ConfigError, DataError
+from omnilab.file_kinds import content_of
 from omnilab.geometry import heading_of
 from omnilab.limits import check_work
 from omnilab.trajectory.columns import MATRIX, POSITION
@@ -140,9 +140,7 @@ class DataSet:
 
     def _check_same(self, contents: Mapping[str, Any], defaults: Mapping[str, Any]) -> None:
         try:
-            if (self.folder / ABOUT).stat().st_size > LARGEST_FILE:
-                raise OSError(errno.EFBIG, f"larger than {LARGEST_FILE >> 20} MiB")
-            there = json.loads((self.folder / ABOUT).read_bytes())
+            there = json.loads(content_of(self.folder / ABOUT, LARGEST_FILE))
             there = {key: there[key] for key in contents}
         except (ValueError, KeyError, TypeError, RecursionError, OSError) as error:
             lacks = f"it lacks {error.args[0]}" if isinstance(error, KeyError) else "it is no JSON of one"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 
 from omnilab.api import Floats
 from omnilab.errors import DataError, did_you_mean
+from omnilab.file_kinds import content_of
 
 MAX_BYTES = 100_000
 MAX_STEPS = 20_000  # of one lap
@@ -57,20 +59,20 @@ def shipped() -> dict[str, Path]:
 
 def scenario(name: str) -> Scenario:
     """A shipped scenario by its name, or that of a YAML file; DataError if it has a mistake."""
-    file = shipped().get(name, Path(name).expanduser())
-    if not file.is_file():
+    file = shipped().get(name, Path(os.path.expanduser(name)))  # noqa: PTH111  which raises nothing
+    try:
+        data = content_of(file, MAX_BYTES)
+    except OSError as error:
         raise DataError(
-            f"there is no scenario {name}{did_you_mean(name, shipped())}; give one of {', '.join(shipped())}, or a YAML file"
-        )
-    return _scenario(file, _content(file))
+            f"the scenario {name} cannot be read ({error.strerror}){did_you_mean(name, shipped())}; give one of"
+            f" {', '.join(shipped())}, or a YAML file"
+        ) from None
+    return _scenario(file, _content(file, data))
 
 
-def _content(file: Path) -> dict[str, Any]:
+def _content(file: Path, data: bytes) -> dict[str, Any]:
     import yaml
 
-    if file.stat().st_size > MAX_BYTES:
-        raise DataError(f"{file} has {file.stat().st_size} bytes; a scenario may have {MAX_BYTES}, shorten it")
-    data = file.read_bytes()
     try:
         for event in yaml.parse(data, Loader=yaml.SafeLoader):
             if isinstance(event, yaml.AliasEvent):  # nine of nine of nine ... of them fill any memory

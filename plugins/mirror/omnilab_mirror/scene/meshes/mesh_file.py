@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import logging
 from collections.abc import Callable, Iterable
@@ -12,13 +13,13 @@ import numpy as np
 
 from omnilab.api import Floats
 from omnilab.errors import DataError
+from omnilab.file_kinds import content_of
 from omnilab_mirror.scene.file_stamps import Stamp, stamp_of
 from omnilab_mirror.scene.meshes.glb import read_glb
 from omnilab_mirror.scene.meshes.mesh_materials import MeshMaterials
 from omnilab_mirror.scene.meshes.obj import read_obj
 from omnilab_mirror.scene.meshes.ply import read_ply
 from omnilab_mirror.scene.meshes.triangles import Triangles, joined
-from omnilab_mirror.scene.nearby_files import bytes_of
 
 log = logging.getLogger("omnilab")
 READERS: dict[str, Callable[[bytes, MeshMaterials, int], Iterable[Triangles]]] = {
@@ -96,14 +97,11 @@ def read_mesh(file: Path, up: str | None = None) -> MeshFile:
 def _bytes(file: Path) -> bytes:
     limit = MAX_BYTES[file.suffix.lower()]
     try:
-        if file.stat().st_size > limit:
-            raise DataError(f"{file} has {file.stat().st_size} bytes, {limit} may be read; decimate the mesh, or save it"
-                            " as binary PLY or GLB")  # fmt: skip
-        return bytes_of(file, limit)
+        return content_of(file, limit)
     except OSError as error:
-        raise DataError(f"{file} cannot be read ({error.strerror}); correct the path") from None
-    except ValueError as error:
-        raise DataError(f"{file} cannot be read ({error}); give a file") from None
+        large = error.errno == errno.EFBIG
+        remedy = "decimate the mesh, or save it as binary PLY or GLB" if large else "correct the path"
+        raise DataError(f"{file} cannot be read ({error.strerror}); {remedy}") from None
 
 
 def _sound(materials: MeshMaterials, triangles: Triangles) -> Triangles:

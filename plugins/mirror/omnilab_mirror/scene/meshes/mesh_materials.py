@@ -12,8 +12,9 @@ import numpy.typing as npt
 
 from omnilab.api import Bytes, Floats
 from omnilab.errors import DataError
+from omnilab.file_kinds import content_of
 from omnilab_mirror.scene.file_stamps import Stamp, stamp_of
-from omnilab_mirror.scene.nearby_files import bytes_of, file_below
+from omnilab_mirror.scene.nearby_files import file_below
 from omnilab_mirror.scene.pictures import BROKEN, DARK, FRACTIONS, opened
 
 Array = npt.NDArray[Any]
@@ -50,7 +51,7 @@ class MeshMaterials:
         if path not in self.files:
             self.stamps[path] = stamp_of(path)
             try:
-                self.files[path] = bytes_of(path, MAX_BYTES)
+                self.files[path] = content_of(path, MAX_BYTES)
             except FileNotFoundError as error:
                 raise ValueError(f"{error.strerror}{_there_is(self.file.parent, path.name)}") from None
         return self.files[path]

@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 
 from omnilab.api import Bytes, Floats
-from omnilab_mirror.scene.nearby_files import bytes_of, file_below
+from omnilab.file_kinds import content_of
+from omnilab_mirror.scene.nearby_files import file_below
 from omnilab_mirror.scene.pictures import complaint
 from omnilab_mirror.scene.textures.canvas import Canvas, Painter
 from omnilab_mirror.scene.world_yaml import Section
@@ -45,7 +46,7 @@ def images_of(sections: Iterable[Section]) -> list[Path]:
 def _image(s: Section, file: str) -> Bytes:
     """RGB pixels (h, w, 3)."""
     try:
-        data = bytes_of(file_below(s.file.parent, file), MAX_IMAGE_BYTES)
+        data = content_of(file_below(s.file.parent, file), MAX_IMAGE_BYTES)
     except OSError as error:
         raise s.invalid("file", file, f"a picture that can be read ({error.strerror})") from None
     except ValueError as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,11 @@ from omnilab.arrays import read_npy
 from omnilab.atomic_files import write_whole
 from omnilab.cameras import RayCamera
 from omnilab.errors import DataError
+from omnilab.file_kinds import content_of
 from omnilab.image import point_cloud
 from omnilab_studies.common.dataset_files import DataSet
 
+LARGEST_FILE = 2**30  # bytes, of a depth image
 PER_IMAGE = 2000  # points; few images give more each
 VERTEX = np.dtype([("xyz", "<f4", 3), ("rgb", "u1", 3)])
 
@@ -56,8 +59,8 @@ def _points_of_frame(
 
 def _depth(data: DataSet, n: int) -> Floats:
     try:
-        with data.depth(n).open("rb") as file:
-            return np.asarray(read_npy(file, data.depth(n).stat().st_size), np.float32)
+        content = content_of(data.depth(n), LARGEST_FILE)
+        return np.asarray(read_npy(io.BytesIO(content), len(content)), np.float32)
     except (OSError, ValueError) as error:
         raise DataError(
             f"{data.depth(n)} cannot be read ({error}); delete {data.image(n)} and run this again"
