@@ -106,6 +106,9 @@ class SignatureStore:
                 continue
             stored = Signatures(arrays["place"], arrays.get("heading"))
             positions, rows = np.array(pairs).T
+            wanted_keys = b"".join(keys[position] for position in positions)
+            if rows.max() >= len(stored) or arrays["keys"][rows].tobytes() != wanted_keys:  # another is there by now
+                continue
             room = room or empty_like(stored, len(keys))
             if not is_alike(stored, room):
                 self._remove(file, ValueError(f"signatures of shape {stored.place.shape[1:]}"))

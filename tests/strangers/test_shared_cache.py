@@ -123,6 +123,15 @@ def test_rows_of_another_kind_are_made_anew(tmp_path, changed):
     assert len(store.errors) == 1
 
 
+def test_a_file_that_another_has_replaced_since_is_not_taken(tmp_path):
+    store = stored(tmp_path)
+    with np.load(store.file) as archive:
+        arrays = dict(archive)
+    for change in (lambda array: array[::-1], lambda array: array[:2]):
+        np.savez(store.file, **{name: array if name == "of" else change(array) for name, array in arrays.items()})
+        assert loaded(store) == []
+
+
 def test_a_link_to_elsewhere_is_neither_read_nor_written_nor_emptied(tmp_path):
     elsewhere = stored(tmp_path / "elsewhere")
     before = {path: path.read_bytes() for path in elsewhere.folder.iterdir()}
