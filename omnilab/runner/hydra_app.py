@@ -215,7 +215,9 @@ def _end_sweep(begun: Mapping[str, Sequence[str]], all_begun: bool) -> int:
     file, failed = folder / SUMMARY, sum(row[header.index("status")] != DONE for row in rows)
     print_summary(header, rows, title=str(short(file)))
     if failed:
-        print_error(f"{failed} of {len(rows)} jobs did not end well; their status.json says why")
+        print_error(
+            f"{failed} of {len(rows)} jobs did not end well; the lines above say why, and so does the status.json of each"
+        )
     try:
         write_csv(file, header, rows)
     except OSError as error:

@@ -48,7 +48,7 @@ def test_a_run_leaves_its_files_and_nothing_that_was_set_aside(endings, tmp_path
     ("how", "rc", "sentence"),
     [
         ("exit", 2, "tried to end the process (SystemExit: 3)"),
-        ("memory", 2, "there is too little memory (Unable to allocate 11.2 GiB)"),
+        ("memory", 2, "the run does not fit into memory (Unable to allocate 11.2 GiB"),
         ("full", 2, "/data/frame.png cannot be written (No space left on device); make room there"),
         ("SIGINT", 130, "interrupted"),
         ("SIGTERM", 130, "interrupted"),
@@ -249,3 +249,15 @@ def test_a_terminal_that_goes_away_ends_no_run_under_nohup(before):
         assert signal.getsignal(signal.SIGHUP) == before
     finally:
         signal.signal(signal.SIGHUP, own)
+
+
+def test_a_disk_without_links_is_told_and_the_run_goes_on(endings, tmp_path, monkeypatch):
+    def refused(*_: object, **__: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(Path, "symlink_to", refused)
+    result = endings()
+    assert result.rc == 0
+    assert "logs/latest cannot be made (Operation not permitted); give the run's folder, " in result.stderr
+    (folder,) = (tmp_path / "logs" / "pose_graph").iterdir()
+    assert load_run(folder).status["status"] == "done"

@@ -76,7 +76,10 @@ def test_a_sweep_on_a_disk_that_fills_up(in_shell, tmp_path):
     """Its second job fills the disk; the third cannot begin; the room of the second's status holds their table."""
     ended = in_shell("{omnilab} -m study.how=well,fill,SIGCONT", disk="2m")
     assert ended.rc == 1, ended.stderr
-    assert check_sentence(ended.stderr) == "omnilab: 2 of 3 jobs did not end well; their status.json says why"
+    assert (
+        check_sentence(ended.stderr)
+        == "omnilab: 2 of 3 jobs did not end well; the lines above say why, and so does the status.json of each"
+    )
     (sweep,) = (tmp_path / "kept" / "pose_graph").iterdir()
     assert {job.name: load_run(job).state for job in sweep.iterdir() if (job / "status.json").exists()} == {
         "0": "done", "1": "failed"

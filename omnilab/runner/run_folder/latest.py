@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import secrets
 from pathlib import Path
 
 from omnilab.errors import DataError
+
+log = logging.getLogger("omnilab")
 
 
 def check_latest(link: Path) -> None:
@@ -19,8 +22,12 @@ def check_latest(link: Path) -> None:
 
 
 def point_latest(link: Path, folder: Path) -> None:
-    """Make the link point at the folder, atomically, by a relative path."""
-    link.parent.mkdir(parents=True, exist_ok=True)
+    """Make the link point at the folder, atomically, by a relative path; a warning where the disk has no links."""
     part = link.with_name(f".latest-{secrets.token_hex(4)}")
-    part.symlink_to(os.path.relpath(folder.resolve(), link.parent.resolve()))
-    part.replace(link)
+    try:
+        link.parent.mkdir(parents=True, exist_ok=True)
+        part.symlink_to(os.path.relpath(folder.resolve(), link.parent.resolve()))
+        part.replace(link)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        log.warning("%s cannot be made (%s); give the run's folder, %s, instead", link, error.strerror, folder)
