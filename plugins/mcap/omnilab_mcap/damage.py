@@ -77,8 +77,7 @@ class DamagedLog:
             except Unreadable as error:
                 after = self._after(at)
                 torn = after == self._size and (error.torn or self._is_zero(self._last_byte(at)))
-                messages = error.messages or after != self._last_byte(at) + 1
-                yield Damage(at, after, str(error), torn, messages)
+                yield Damage(at, after, str(error), torn, error.messages or after != self._last_byte(at) + 1)
                 at, sound = after, False
                 continue
             crc_before, crc, at = crc, zlib.crc32(raw, crc), end

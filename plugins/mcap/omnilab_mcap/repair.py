@@ -18,6 +18,8 @@ from omnilab.log_files import is_there, replace_mended
 from omnilab_mcap.damage import Damage, DamagedLog
 from omnilab_mcap.summary import LogSummary
 
+LOST = -1  # the number of a schema that there is not
+
 
 def repair(path: Path) -> str | None:
     """Write a torn or damaged log anew with all its whole chunks and an index; None if it is whole or absent.
@@ -139,9 +141,8 @@ def _clock(time_ns: int) -> str:
 def copy(records: Iterable[McapRecord | Damage], summary: LogSummary | None, target: BinaryIO) -> list[str]:
     """Write whole records into a new log with an index and all checksums.
 
-    Schemas and channels that were damaged are those that the summary repeats. If that is damaged too, the messages of
-    such a channel are kept under a topic such as `/unknown_channel_3`, as messages without known fields; these topics
-    are returned.
+    Schemas and channels that were damaged are those that the summary repeats. If that is damaged too, messages are kept
+    without known fields, and those of a lost channel under a topic such as `/unknown_channel_3`; these topics are returned.
     """
     writer = Writer(target, enable_data_crcs=True)
     schemas: dict[int, Schema] = dict(summary.schemas) if summary else {}
@@ -150,27 +151,25 @@ def copy(records: Iterable[McapRecord | Damage], summary: LogSummary | None, tar
 
     def channel_of(number: int) -> int:
         if number not in new_channels:
-            if found := channels.get(number):
-                topic, encoding, schema, more = found.topic, found.message_encoding, schema_of(found), found.metadata
-            else:
-                topic, encoding, schema, more = (
-                    f"/unknown_channel_{number}",
-                    "protobuf",
-                    register_schema(writer, Empty),
-                    {},
-                )
-                nameless.append(topic)
-            new_channels[number] = writer.register_channel(topic, encoding, schema, more)
+            found = channels.get(number)
+            if found is None:
+                found = Channel(number, f"/unknown_channel_{number}", "protobuf", {}, LOST)
+                nameless.append(found.topic)
+            schema = schema_of(found)
+            new_channels[number] = writer.register_channel(found.topic, found.message_encoding, schema, found.metadata)
         return new_channels[number]
 
     def schema_of(channel: Channel) -> int:
         if channel.schema_id not in new_schemas:
-            schema = schemas.get(channel.schema_id) or Schema(channel.schema_id, b"", "", "lost")
-            new_schemas[channel.schema_id] = writer.register_schema(schema.name, schema.encoding, schema.data)
+            if schema := schemas.get(channel.schema_id):
+                new = writer.register_schema(schema.name, schema.encoding, schema.data)
+            else:
+                new = register_schema(writer, Empty) if channel.message_encoding == "protobuf" else 0
+            new_schemas[channel.schema_id] = new
         return new_schemas[channel.schema_id]
 
     for record in records:
-        if not started:
+        if not started and not isinstance(record, Damage):
             writer.start(record.profile if isinstance(record, Header) else "")
             started = True
         match record:
@@ -186,5 +185,7 @@ def copy(records: Iterable[McapRecord | Damage], summary: LogSummary | None, tar
             case Message():
                 channel = channel_of(record.channel_id)
                 writer.add_message(channel, record.log_time, record.data, record.publish_time, record.sequence)
+    if not started:
+        writer.start()
     writer.finish()
     return nameless

@@ -75,12 +75,13 @@ def read():
 
 @pytest.fixture(scope="session")
 def own(tmp_path_factory):
-    """The bytes of a whole log of the sink: 8 chunks of 10 messages."""
+    """The bytes of a whole log of the sink: 8 chunks of 10 messages, the last 4 on a channel of their own."""
     folder = tmp_path_factory.mktemp("own")
     sink = McapSink()
     sink.open(folder)
     for step in range(80):
-        sink.write("/log", api.Text(f"step {step} {random.Random(step).randbytes(100).hex()}"), api.Tick(step, step))
+        topic = "/log" if step < 40 else "/late"
+        sink.write(topic, api.Text(f"step {step} {random.Random(step).randbytes(100).hex()}"), api.Tick(step, step))
         if step % 10 == 9:
             sink.flush()
     sink.close()
