@@ -6,9 +6,12 @@ import os
 import secrets
 import shlex
 import shutil
+import stat
 import tempfile
 import traceback
 import weakref
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -122,37 +125,43 @@ def _mended_copy(run: LoadedRun, copy: Path, registry: Registry) -> tuple[list[s
     part = copy.with_name(f"{copy.name}.{os.getpid()}-{secrets.token_hex(4)}.part")
     try:
         part.mkdir(parents=True)
-        size, room = _bytes(run.folder), shutil.disk_usage(part).free
+        files = dict(_files(run.folder))
+        size, room = sum(files.values()), shutil.disk_usage(part).free
         if size > room:
             raise DataError(
                 f"a copy of {run.folder} takes {size / 1e6:.0f} MB, and {copy} has room for {room / 1e6:.0f}; set TMPDIR, or"
                 " --output of omnilab repair, to a folder with more"
             )
-        shutil.copytree(run.folder, part, ignore=_not_copied, copy_function=_copy_file, dirs_exist_ok=True)
+        for file in files:
+            _copy_file(file, part / file.relative_to(run.folder))
         done, failures = _mend(part, registry)
         part.rename(copy)
     except OSError as error:
-        why = error.args[0][0][2] if isinstance(error, shutil.Error) else error.strerror  # the first of several files
-        raise DataError(f"{run.folder} cannot be copied to {copy} ({why}); give another folder") from error
+        raise DataError(f"{run.folder} cannot be copied to {copy} ({error.strerror}); give another folder") from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
     return done, [failure.replace(str(part), str(run.folder)) for failure in failures]
 
 
-def _bytes(folder: Path) -> int:
-    return sum(file.lstat().st_size for file in folder.rglob("*") if file.is_file() and not file.is_symlink())
+def _files(folder: Path) -> Iterator[tuple[Path, int]]:
+    """What a copy of a run has, and its bytes: neither its lock, nor links, nor what is no file."""
+    for place, _, names in os.walk(folder, onerror=_raise):
+        for file in (Path(place, name) for name in names if name != LOCK):
+            with suppress(FileNotFoundError):  # a run that goes on writes files under other names first
+                found = file.lstat()
+                if stat.S_ISREG(found.st_mode):
+                    yield file, found.st_size
 
 
-def _not_copied(folder: str, names: list[str]) -> set[str]:
-    """Of a folder's entries, the lock, links, and what is neither file nor folder."""
-    entries = {name: Path(folder, name) for name in names}
-    return {n for n, e in entries.items() if n == LOCK or e.is_symlink() or not (e.is_file() or e.is_dir())}
+def _raise(error: OSError) -> None:
+    raise error
 
 
-def _copy_file(source: str, target: str) -> None:
-    """As long as it is there: a run that goes on writes files under other names first."""
+def _copy_file(source: Path, target: Path) -> None:
+    """As long as it is there; without its permissions, which may forbid to mend it."""
+    target.parent.mkdir(parents=True, exist_ok=True)
     try:
         shutil.copyfile(source, target)
     except FileNotFoundError:
-        if Path(source).exists():
+        if source.exists():
             raise

@@ -204,6 +204,8 @@ def test_a_mended_copy_leaves_the_run_as_it_is(live, tmp_path):
     (live / "link").symlink_to("/etc/passwd")
     (live / "views").mkdir()
     (live / "views" / "0.png").write_bytes(b"picture")
+    (live / "views").chmod(0o555)
+    (live / "run.second").chmod(0o444)
     before = contents(live)
     assert mend_copy(load_run(live), tmp_path / "a" / "copy", Sinks()) == ["run.second was torn"]
     assert contents(live) == before
@@ -211,6 +213,7 @@ def test_a_mended_copy_leaves_the_run_as_it_is(live, tmp_path):
     assert {path.name for path in copy.rglob("*")} == {*before, "views", "0.png"} - {LOCK, RESERVED}
     assert (copy / "run.second").read_text() == "torn\nmended\n"
     assert load_run(copy).state == "killed"
+    assert (copy / "views").stat().st_mode & 0o200, "what a copy lets nobody do is not to be mended"
     assert load_run(live).state == "running"
 
 
@@ -242,8 +245,8 @@ def test_what_a_live_run_renames_while_it_is_copied_is_no_error(live, tmp_path, 
     copy_file = repair._copy_file
 
     def copy_late(source, target):
-        if source.endswith(".part"):
-            Path(source).unlink()
+        if source.suffix == ".part":
+            source.unlink()
         copy_file(source, target)
 
     monkeypatch.setattr(repair, "_copy_file", copy_late)
