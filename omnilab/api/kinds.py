@@ -294,16 +294,16 @@ class Study(Protocol):
 
 @runtime_checkable
 class Sink(Protocol):
-    """Writes records in its own format. A sink skips the kinds of record it has no form for."""
+    """Writes records in its own format, those it has a form for. A thread of the sink's own flushes and closes it."""
 
     def open(self, folder: Path) -> None:
         """Start writing into the run folder."""
 
     def write(self, path: str, record: Record, tick: Tick | None) -> None:
-        """Take one record."""
+        """Take one record, whose arrays can only be read, and may change later. ValueError costs this record only."""
 
     def flush(self) -> None:
-        """Make sure that what was taken survives the death of the process. Called every second."""
+        """Make sure that what was taken survives the death of the process. Called every half second."""
 
     def close(self) -> None:
         """Complete the files."""

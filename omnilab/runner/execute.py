@@ -56,12 +56,13 @@ def execute(
         try:
             cache = _cache(run)
             try:
-                with recorder, pinned(run.threads):
-                    with signals.heard(recorder.interrupt), limited(run.limits):
+                with pinned(run.threads), signals.heard(recorder.interrupt), recorder:
+                    with limited(run.limits):
                         report = _studied(run, registry, cache, recorder)
-                    _write(report, run, registry, run_folder, recorder, show)
-                    if not run_folder.missing:
-                        last_status = {"status": DONE}
+                    with signals.held():
+                        _write(report, run, registry, run_folder, recorder, show)
+                        if not run_folder.missing:
+                            last_status = {"status": DONE}
             finally:
                 run_folder.write_costs(_costs(recorder, cache, time.perf_counter() - start))
             run_folder.check()

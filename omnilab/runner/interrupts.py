@@ -123,6 +123,15 @@ class HeldSignals:
         finally:
             self._interrupt = None
 
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Within `heard`: here they wait again."""
+        interrupt, self._interrupt = self._interrupt, None
+        try:
+            yield
+        finally:
+            self._interrupt = interrupt
+
     def _came(self, *_: object) -> None:
         now_s = time.monotonic()
         first_s, self._came_s = self._came_s, self._came_s or now_s

@@ -79,7 +79,7 @@ def check_rrd(run: LoadedRun) -> None:
 def test_a_full_disk_costs_one_sink_and_no_more(omnilab_here, tmp_path, monkeypatch, method):
     (tmp_path / "full.py").write_text(DISK_FULL)
     monkeypatch.setenv("OMNILAB_PLUGINS", "full.py")
-    monkeypatch.setattr("omnilab.runner.recorder.FLUSH_S", 0.05)
+    monkeypatch.setattr("omnilab.runner.recorder.outputs.FLUSH_S", 0.05)
     result = omnilab_here(*SMALL, "+sink@sinks.full=full", f"sinks.full.fails={method}")
     assert result.rc == 0, result.stderr
     assert "Traceback" not in result.stderr

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import struct
 import time
 from collections.abc import Iterable
+from contextlib import closing
 from importlib.metadata import version
 from pathlib import Path
 
 from google.protobuf.message import Message  # type: ignore[import-untyped]
-from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
 from omnilab.api import Tick
 from omnilab.errors import DataError, PluginError
+from omnilab_mcap.writer import TailedFile, TailedWriter
 
 
 class McapLog:
@@ -20,12 +22,12 @@ class McapLog:
 
     def __init__(self, path: Path) -> None:
         try:
-            self._file = path.open("xb")
+            self._file = TailedFile(path)
         except OSError as error:
             raise DataError(
                 f"{path} cannot be created ({error.strerror}); choose a new, writable run folder"
             ) from error
-        self._writer = Writer(self._file, enable_data_crcs=True)
+        self._writer = TailedWriter(self._file)
         self._writer.start()
         self._writer.add_metadata("omnilab", {"run": path.parent.name} | versions())
         self._schemas: dict[str, int] = {}
@@ -41,9 +43,12 @@ class McapLog:
         return self._now
 
     def add(self, topic: str, message: Message, log_ns: int, tick: Tick) -> None:
-        """Append one message; its sequence number is the study's step."""
+        """Append one message; its sequence number is the study's step. It is with the operating system at once."""
         channel = self._channel(topic, message)
-        self._writer.add_message(channel, log_ns, message.SerializeToString(), tick.stamp_ns, tick.step)
+        try:
+            self._writer.add_message(channel, log_ns, message.SerializeToString(), tick.stamp_ns, tick.step)
+        except struct.error as error:
+            raise ValueError(f"{tick} does not fit: steps have 32 bits, times 64, none is negative") from error
 
     def add_rows(self, topic: str, rows: Iterable[tuple[Message, Tick]]) -> None:
         """Append the rows that came in since the topic's last ones, with log times spread evenly over that while."""
@@ -53,17 +58,20 @@ class McapLog:
         self._rows_until[topic] = now
 
     def flush(self) -> None:
-        """Complete the chunk in progress and hand it to the operating system."""
+        """Complete the chunk in progress."""
         self._writer.flush()
 
     def close(self) -> None:
-        """Complete the file with its index."""
-        with self._file:
+        """Complete the file with its index; OSError without room, and what was added can be read back."""
+        with closing(self._file):
+            self._writer.flush()  # a whole chunk is smaller than its records: on a full disk it makes room
             self._writer.finish()
+            self._file.flush()
 
     def _channel(self, topic: str, message: Message) -> int:
         kind = message.DESCRIPTOR.full_name
         if topic not in self._channels:
+            topic.encode()  # before the writer takes note of it
             if kind not in self._schemas:
                 self._schemas[kind] = register_schema(self._writer, type(message))
             self._channels[topic] = self._writer.register_channel(topic, "protobuf", self._schemas[kind]), kind

@@ -41,13 +41,13 @@ class McapSink:
                 log.add(subtopic, message, now, tick)
 
     def flush(self) -> None:
-        """Complete the chunk in progress and hand it to the operating system."""
+        """Complete the chunk in progress. What was written is with the operating system already."""
         self._opened().flush()
 
     def close(self) -> None:
         """Complete the file with its index."""
-        self._opened().close()
-        self._log = None
+        log, self._log = self._opened(), None
+        log.close()
 
     def repair(self, folder: Path) -> str | None:
         """Write a torn or damaged `run.mcap` anew with all whole chunks; DataError if it is no MCAP log."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import threading
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import rerun as rr
 
 FILE = "run.rrd"
-FLUSH_TIMEOUT_S = 20.0
+HAND_OVER_S = 0.1  # how long Rerun may gather records before it writes them
 
 
 @dataclass
@@ -54,11 +54,18 @@ class RerunSink:
         import rerun as rr
 
         from omnilab_rerun.drawing import LONE_M
+        from omnilab_rerun.writing import RecordingFile
 
         (folder / FILE).open("wb").close()  # rerun's own error names no path
-        run = folder.resolve()
-        self._stream = rr.RecordingStream(run.parent.name, recording_id=run.name)
-        self._stream.set_sinks(rr.FileSink(folder / FILE), *self._server())
+        servers, run = self._server(), folder.resolve()
+        self._stream = rr.RecordingStream(
+            run.parent.name,
+            recording_id=run.name,
+            batcher_config=rr.ChunkBatcherConfig(flush_tick=HAND_OVER_S),
+        )
+        self._stream.set_sinks(rr.FileSink(folder / FILE), *servers)
+        self._file = RecordingFile(folder / FILE)
+        self._failed = False
         self._at(Tick(0, 0))
         self._spacing_m = LONE_M
         self._curves: set[str] = set()
@@ -79,7 +86,8 @@ class RerunSink:
         return [rr.GrpcServerSink(bind_ip=LOOPBACK, port=self.port)]
 
     def write(self, path: str, record: Record, tick: Tick | None) -> None:
-        """Take one record."""
+        """Take one record; DataError if the file takes no more."""
+        self.flush()
         if tick is not None:
             self._at(tick)
             self._lay_out()
@@ -99,11 +107,12 @@ class RerunSink:
 
     def _draw(self, path: str, record: Record, static: bool) -> None:
         from omnilab_rerun.drawing import draw
+        from omnilab_rerun.owned import components
 
         if isinstance(record, Text) and not record.markdown:
             static = False  # a static line would replace the last one: it goes where the run is
         for part, archetypes in draw(record, self._spacing_m):
-            self._stream.log(path + part, *archetypes, static=static, strict=True)
+            self._stream.log(path + part, components(*archetypes), static=static, strict=True)
 
     def _at(self, tick: Tick) -> None:
         self._stream.set_time("step", sequence=tick.step)
@@ -137,41 +146,42 @@ class RerunSink:
     def _send_curve(self, path: str, series: Series) -> None:
         import rerun as rr
 
+        from omnilab_rerun.owned import components, owned
+
         if path not in self._curves:
             self._curves.add(path)
             name = f"{path.rsplit('/', 1)[-1]} [{series.unit}]"
             colors = None if series.color is None else [series.color]
-            self._stream.log(path, rr.SeriesLines(names=name, colors=colors), static=True, strict=True)
+            self._stream.log(path, components(rr.SeriesLines(names=name, colors=colors)), static=True, strict=True)
         times = [
             rr.TimeColumn("step", sequence=series.steps),
             rr.TimeColumn("sensor_time", duration=np.asarray(series.stamps_ns).astype("timedelta64[ns]")),
         ]
-        self._stream.send_columns(path, times, rr.Scalars.columns(scalars=series.values), strict=True)
+        values = rr.Scalars.columns(scalars=series.values)
+        self._stream.send_columns(path, owned(times), owned(values), strict=True)
 
     def flush(self) -> None:
-        """Hand everything to the operating system; DataError if the file takes no more."""
-        try:
-            self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
-        except RuntimeError as error:
-            self._abandon()
-            raise DataError(f"{FILE} takes no more records ({error}); make room on the disk") from error
+        """DataError if the file takes no more. Rerun hands over what was logged by itself, within a tenth of a second.
 
-    def close(self) -> None:
-        """Write the footer."""
-        from rerun_bindings import flush_and_cleanup_orphaned_recordings
-
-        self._lay_out()
-        self.flush()
-        self._stream.disconnect()
-        del self._stream  # sinks pickle, streams do not
-        flush_and_cleanup_orphaned_recordings()  # a stream's threads outlive it until then: two for each job of a sweep
-
-    def _abandon(self) -> None:
-        """Let go of a stream whose file cannot be written: rerun waits for its dead writer, even when Python ends."""
+        It is not asked to: asked while its writer gives up, it would wait for ever.
+        """
         import rerun as rr
 
-        rr.unregister_shutdown()
-        threading.Thread(target=self._stream.disconnect, daemon=True).start()
+        if not self._file.is_written():
+            if not self._failed:
+                self._stream.set_sinks(rr.FileSink(os.devnull))  # what has a dead writer cannot be closed
+            self._failed = True
+            raise DataError(f"{FILE} takes no more records; make room on the disk")
+
+    def close(self) -> None:
+        """Write what is left, and the footer; DataError if that is not possible."""
+        from omnilab_rerun.writing import end
+
+        if not self._failed:
+            self._lay_out()
+        end(self.__dict__.pop("_stream"), self._file)  # sinks pickle, streams do not
+        if not self._failed and not self._file.is_whole():
+            raise DataError(f"{FILE} could not be completed; make room on the disk")
 
     def repair(self, folder: Path) -> str | None:
         """Write a torn or damaged `run.rrd` anew with all its whole messages; None if it is whole or not there."""

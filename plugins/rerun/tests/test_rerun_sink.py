@@ -7,18 +7,21 @@ import signal
 import socket
 import subprocess
 import sys
+import time
+from collections import defaultdict
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from omnilab.api import Text
+from omnilab.api import Text, Tick
 from omnilab.errors import ConfigError, DataError
+from omnilab.testing import sample_records
 from omnilab_rerun import RerunSink
 
 WRITE_UNTIL_KILLED = """
-import sys
-from pathlib import Path
+import sys, time
 from pathlib import Path
 import numpy as np
 from omnilab.api import Panel, Signature, Tick, ViewLayout
@@ -30,27 +33,40 @@ for step in range(1_000_000):
     sink.write("signature", Signature(np.full((20, 30), step, np.float32)), Tick(step, step))
     if step % 50 == 49:
         sink.flush()
+        time.sleep(0.5)  # at most this long after it was logged, a record is in the file
         print(step, flush=True)
 """
 
 FILL_A_SMALL_DISK = """
-import resource, sys
+import resource, sys, time
 from pathlib import Path
 import numpy as np
 from omnilab.api import Signature, Tick
 from omnilab.errors import DataError
-from omnilab_rerun import RerunSink, sink as module
-module.FLUSH_TIMEOUT_S = 1.0
+from omnilab_rerun import RerunSink
 resource.setrlimit(resource.RLIMIT_FSIZE, (500_000, 500_000))
+def threads():
+    task = Path("/proc/self/task")
+    return sorted((t / "comm").read_text() for t in task.iterdir()) if task.is_dir() else []
+(Path(sys.argv[1]) / "first").mkdir()
 sink = RerunSink()
+sink.open(Path(sys.argv[1]) / "first")
+sink.write("signature", Signature(np.zeros((2, 2), np.float32)), Tick(0, 0))
+sink.close()
+before = threads()
 sink.open(Path(sys.argv[1]))
 rng = np.random.default_rng(0)
 try:
     for step in range(100):
         sink.write("signature", Signature(rng.random((100, 100), np.float32)), Tick(step, step))
-        sink.flush()
+        time.sleep(0.2)
 except DataError as error:
     print(step, error)
+sink.close()
+end = time.monotonic() + 20
+while threads() != before and time.monotonic() < end:
+    time.sleep(0.1)
+print("closed, with threads as before:", threads() == before or threads())
 """
 
 
@@ -124,12 +140,81 @@ def test_a_folder_that_is_not_there_is_refused_at_once(tmp_path):
         RerunSink().open(tmp_path / "none")
 
 
-def test_a_full_disk_is_reported_by_flush(tmp_path):
+def test_a_full_disk_is_reported_by_the_next_record_and_leaves_nothing_behind(tmp_path, read):
+    """Not even a thread; the process ends at once, and what had room can be read."""
     call = [sys.executable, "-c", FILL_A_SMALL_DISK, str(tmp_path)]
-    output = subprocess.run(call, capture_output=True, text=True, timeout=60, check=True).stdout
-    step, _, sentence = output.partition(" ")
+    output = subprocess.run(call, capture_output=True, text=True, timeout=120, check=True).stdout
+    first, _, sentence = output.splitlines()[0].partition(" ")
     assert sentence.startswith("run.rrd takes no more records")
-    assert 0 < int(step) < 20, "40 kB a record fill 500 kB"
+    assert 0 < int(first) < 20, "40 kB a record fill 500 kB"
+    assert output.splitlines()[1:] == ["closed, with threads as before: True"]
+    assert "footer" in RerunSink().repair(tmp_path)
+    steps = read(tmp_path / "run.rrd").rows("/signature", "step")
+    assert steps == list(range(len(steps)))
+    assert len(steps) > 5
+
+
+HOLD_THE_GIL = """
+import ctypes, os, sys
+from pathlib import Path
+import numpy as np
+from omnilab.api import Series, Signature, Tick
+from omnilab_rerun import RerunSink
+sink = RerunSink()
+sink.open(Path(sys.argv[1]))
+for step in range(30):
+    sink.write("signature", Signature(np.full((40, 50), step, np.float32)), Tick(step, step))
+    sink.write("curve", Series(np.array([0.5]), np.array([step]), np.array([step]), "m"), None)
+print("logged", flush=True)
+ctypes.PyDLL(None).sleep(600)  # in a C library that does not give Python's lock back
+"""
+
+
+def test_what_was_logged_before_a_library_holds_pythons_lock_is_in_the_file(tmp_path, read):
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLD_THE_GIL, str(tmp_path)], stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout.readline() == "logged\n"
+        time.sleep(1.0)
+        process.kill()
+    RerunSink().repair(tmp_path)
+    log = read(tmp_path / "run.rrd")
+    assert log.rows("/signature", "step") == log.rows("/curve", "step") == list(range(30))
+
+
+@pytest.mark.parametrize("floats", [np.float32, np.float64])
+def test_arrays_may_change_once_they_are_logged(recorded, tmp_path, read, floats):
+    """Arrow borrows memory, and Rerun writes later: what is in the file is what was logged."""
+    given = [record for _, record, _ in sample_records()]
+    kept, changed = RerunSink(), RerunSink()
+    for sink, name in ((kept, "kept"), (changed, "changed")):
+        (tmp_path / name).mkdir()
+        sink.open(tmp_path / name)
+        for i, record in enumerate(given):
+            arrays = {f.name: getattr(record, f.name) for f in fields(record)}
+            arrays = {key: own(array, floats) for key, array in arrays.items() if isinstance(array, np.ndarray)}
+            sink.write(f"at/{i}", replace(record, **arrays), Tick(i, i))
+            for array in arrays.values() if sink is changed else ():
+                array[...] = 77
+        sink.close()
+    one, other = (drawn(read(tmp_path / name / "run.rrd").chunks) for name in ("kept", "changed"))
+    assert one == other
+
+
+def own(array, floats):
+    """An array as Arrow would borrow it."""
+    kinds = {"f": floats, "i": np.uint32 if floats is np.float32 else np.int64}
+    return np.array(array, kinds.get(array.dtype.kind, array.dtype))
+
+
+def drawn(chunks):
+    """What chunks hold, but for the sink's own clock and numbers: rows by entity and column."""
+    found = defaultdict(list)
+    for chunk in chunks:
+        for name, column in chunk.to_record_batch().to_pydict().items():
+            if chunk.entity_path != "/__properties" and name not in {"rerun.controls.RowId", "log_time", "log_tick"}:
+                found[chunk.entity_path, name] += column
+    return {key: sorted(map(str, rows)) for key, rows in found.items()}
 
 
 def test_a_taken_port_is_refused(tmp_path):

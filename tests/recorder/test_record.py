@@ -4,9 +4,10 @@ import contextlib
 import threading
 from dataclasses import dataclass
 
+import numpy as np
 import pytest
 
-from omnilab.api import Progress, Text
+from omnilab.api import Answers, DistanceField, Image, Progress, Text
 from omnilab.runner.recorder import Recorder
 from omnilab.testing import sample_records
 
@@ -121,3 +122,73 @@ def test_an_interrupt_that_a_library_swallows_is_raised_by_the_next_record():
     with pytest.raises(KeyboardInterrupt), record:
         record.log("log", Text("one more"))
     record.log("log", Text("all is closed"))
+
+
+# ------------------------------------------------------------------------------------------- what sinks are given
+def test_a_sink_cannot_write_into_what_the_study_logged(caplog):
+    class Scribbles(Memory):
+        def write(self, path, record, tick):
+            super().write(path, record, tick)
+            record.values[0] = 77
+
+    sink, values = Scribbles(), np.zeros(3)
+    with Recorder({"s": sink}) as record:
+        record.log("/field", DistanceField(np.zeros((3, 3)), values))
+    (given,) = [given for _, given, _ in sink.taken]
+    assert values.tolist() == [0, 0, 0]
+    assert values.flags.writeable
+    assert np.shares_memory(given.values, values), "a view, no copy"
+    assert "sink 's' cannot take the record '/field'" in caplog.text
+
+
+def test_a_list_of_the_study_is_its_own():
+    sink, verdicts = Memory(), ["wrong"]
+    with Recorder({"s": sink}) as record:
+        record.log("/answers", Answers(np.zeros((1, 3)), np.zeros((1, 3)), verdicts))
+    (given,) = [given for _, given, _ in sink.taken]
+    given.verdict.clear()
+    assert verdicts == ["wrong"]
+    assert not given.truth_m.flags.writeable
+
+
+@pytest.mark.parametrize("wrong", [ValueError("NaN"), TypeError("no"), IndexError("far"), ZeroDivisionError("0")])
+def test_a_record_that_a_sink_has_no_form_for_costs_that_record(caplog, wrong):
+    class Picky(Memory):
+        def write(self, path, record, tick):
+            if record.text == "odd":
+                raise wrong
+            super().write(path, record, tick)
+
+    picky, other = Picky(), Memory()
+    with Recorder({"picky": picky, "other": other}) as record:
+        for text in ["plain", "odd", "odd", "plain"]:
+            record.log("log", Text(text))
+    assert len(picky.taken) == 2
+    assert len(other.taken) == 4
+    assert record.dropped == {}
+    assert caplog.text.count("cannot take the record 'log'") == 1
+    assert "sink 'picky' has left out 2 records" in caplog.text
+
+
+def test_a_sink_that_takes_no_record_is_dropped(caplog):
+    class Broken(Memory):
+        def write(self, path, record, tick):
+            raise AttributeError("a bug")
+
+    with Recorder({"broken": Broken()}) as record:
+        for _ in range(30):
+            record.log("log", Text("x"))
+    assert "it could take none of 10 records, at last 'log': AttributeError: a bug" in record.dropped["broken"]
+    assert [line.levelname for line in caplog.records].count("WARNING") == 2, "of one record, and of all"
+
+
+@pytest.mark.parametrize("pixels", [np.zeros((0, 0), np.uint8), np.zeros((4, 4, 3)), np.zeros((2, 3, 4, 5), np.uint8)])
+def test_what_is_no_picture_costs_no_run(caplog, pixels):
+    sink = Memory()
+    with Recorder({"s": sink}) as record:
+        for _ in range(2):
+            record.log("camera", Image(pixels))
+        record.log("log", Text("and on"))
+    assert sink.taken[-1][1] == Text("and on")
+    if len(sink.taken) == 1:
+        assert caplog.text.count("'camera' is no picture and left out of the logs") == 1
