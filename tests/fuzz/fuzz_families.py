@@ -10,7 +10,8 @@ import cv2
 import fuzz_formats
 from fuzz_formats import Format
 from fuzz_more_formats import ALL
-from fuzz_settings import BASES, Constructed, runs
+from fuzz_runs import BASES, runs
+from fuzz_settings import Constructed
 
 Use = Callable[[str], None]
 
