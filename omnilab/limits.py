@@ -19,6 +19,7 @@ from omnilab.errors import ConfigError
 
 LONGEST_S = 86_400.0  # that a run may take by its estimate, unless asked for with limits=off
 MEASURED_S = 10.0  # of work, before its time is extrapolated
+OPENCV_HAS_NONE = ("cv2", -4)  # module and code of its error where it gets no memory
 ASK_AGAIN = "limits=off to try it all the same"
 
 _held: ContextVar[bool] = ContextVar("omnilab_limits", default=True)
@@ -35,8 +36,10 @@ def limited(on: bool = True) -> Iterator[None]:
         _lower(resource.RLIMIT_DATA, total_memory() + _own("VmData"))
     try:
         yield
-    except MemoryError as error:
-        raise out_of_memory(error) from error
+    except Exception as error:
+        if isinstance(error, MemoryError) or (type(error).__module__, getattr(error, "code", 0)) == OPENCV_HAS_NONE:
+            raise out_of_memory(error) from error
+        raise
     finally:
         _held.reset(token)
         resource.setrlimit(resource.RLIMIT_DATA, before)
@@ -174,7 +177,7 @@ def _lower(limit: int, bytes_: float) -> None:
 
 
 # ---------------------------------------------------------------------------------------------------------- in words
-def out_of_memory(error: MemoryError) -> ConfigError:
+def out_of_memory(error: Exception) -> ConfigError:
     """The sentence about memory that was not there: what was asked for, and by which component."""
     requested = " ".join(str(error).split()) or "no memory is left"
     by = "; ".join(getattr(error, "__notes__", []))

@@ -65,6 +65,19 @@ def test_memory_that_nobody_estimated_fails_where_it_is_requested() -> None:
     assert resource.getrlimit(resource.RLIMIT_DATA) == before
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not hold a process to its limit of data")
+def test_memory_that_opencv_does_not_get_is_a_sentence_and_its_other_errors_stay_bugs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    import cv2
+
+    monkeypatch.setattr(limits, "total_memory", lambda: 1.0 * GB)
+    with pytest.raises(ConfigError, match=r"does not fit into memory .*Insufficient memory"), limited():
+        cv2.resize(np.zeros((9, 9), np.uint8), (32_000, 96_000))
+    with pytest.raises(cv2.error), limited():
+        cv2.resize(np.zeros((9, 9), np.uint8), (0, 0))
+
+
 # ------------------------------------------------------------------------------------------------------ what there is
 def test_memory_and_disk_are_read_from_the_system(tmp_path: Path) -> None:
     assert 0 < free_memory() <= total_memory() < 1e16
