@@ -25,7 +25,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 
 MEMORY = 2 * 2**30  # bytes that an input may take
-PATIENCE_S = 200  # until a worker that says nothing has hung
+PATIENCE_S = 700  # until a worker that says nothing has hung
 START_S = 600  # which it may take to import and to compile
 Report = tuple[str, int, str, str]  # family, number, verdict, text
 
@@ -121,7 +121,7 @@ def _work(name: str, first: int, count: int) -> int:
     from fuzz_engine import SECONDS, outcome_of
     from fuzz_families import FAMILIES, SLOW
 
-    seconds = 120 if name in SLOW else SECONDS
+    seconds = 600 if name in SLOW else SECONDS
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
         use = FAMILIES[name](Path(folder) / "input")

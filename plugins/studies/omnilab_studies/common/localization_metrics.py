@@ -18,7 +18,7 @@ from omnilab.metrics import (
     recall_at_full_precision,
 )
 from omnilab_studies.common.samples import of_known
-from omnilab_studies.common.scores import ScoredEstimates
+from omnilab_studies.common.scores import UNDECIDED, ScoredEstimates
 
 Statistic = Callable[[Ints], float]  # of the queries with these indices
 SHOWN_RANKS = (1, 5, 10)
@@ -86,7 +86,7 @@ def _judged(scored: ScoredEstimates) -> Bools:
 def _note(scored: ScoredEstimates, name: str) -> str:
     """Why a metric has no value, if it has none."""
     if name.startswith("heading_error"):
-        return "nothing tells any answer from other places"
+        return UNDECIDED
     if not scored.known.any():
         return "no query has a place of the map within one step"
     return "every place of the map is within one step of every query"

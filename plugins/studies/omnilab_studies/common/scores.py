@@ -26,6 +26,8 @@ from omnilab.metrics import (
     verdicts,
 )
 
+UNDECIDED = "nothing tells any answer from other places"  # why there is no heading error
+
 
 @dataclass(frozen=True)
 class ScoredEstimates:

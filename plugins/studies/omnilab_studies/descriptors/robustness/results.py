@@ -14,7 +14,7 @@ from omnilab_studies.common.disturbance_levels import Level
 from omnilab_studies.common.method_runs import MethodCost, MethodEstimates
 from omnilab_studies.common.methods import key_of
 from omnilab_studies.common.samples import of_known
-from omnilab_studies.common.scores import ScoredEstimates, joined_estimates
+from omnilab_studies.common.scores import UNDECIDED, ScoredEstimates, joined_estimates
 from omnilab_studies.common.tables import columns_of
 
 BROKEN = 0.5  # of the rate of clear queries
@@ -116,7 +116,7 @@ def metrics_of(comparison: Comparison, costs: Mapping[str, MethodCost]) -> list[
         found += [Metric(f"{key}_area_{d}", comparison.area(name, d), "1") for d in comparison.disturbances]
         if scored.has_headings:
             error = of_known(np.median, scored.heading_error_deg)
-            found.append(Metric(f"{key}_heading_error_median", error, "deg"))
+            found.append(Metric(f"{key}_heading_error_median", error, "deg", note=UNDECIDED))
         if np.isfinite(scored.sharpness).all():
             found.append(Metric(f"{key}_sharpness_mean", float(scored.sharpness.mean()), "1"))
         found.append(Metric(f"{key}_bytes_per_place", costs[name].bytes_per_place, "B"))
