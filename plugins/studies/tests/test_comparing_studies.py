@@ -165,6 +165,22 @@ def test_both_keep_the_contract():
     check_study(Resolution(**SQUARE, query_count=90, settings=["parts", "angles"], sizes=[[256, 8]]), parts_of())
 
 
+def test_a_heading_error_that_nothing_can_give_says_why():
+    class Flat(Levels):
+        """The same distance to all places."""
+
+        def match(self, queries, index):
+            found = super().match(queries, index)
+            return Match(np.ones_like(found.distance), np.zeros_like(found.distance))
+
+    parts = parts_of(default_distances={"read": Flat(), "blind": Blind()})
+    study = Robustness(**SQUARE, query_count=9, levels={"push": {"shift": [5]}})
+    found = {metric.name: metric for metric in study.run(parts, Recorder(), np.random.default_rng(3)).metrics}
+    assert found["read_clear_rate"].value == 0
+    assert np.isnan(found["read_heading_error_median"].value)
+    assert found["read_heading_error_median"].note == "nothing tells any answer from other places"
+
+
 def test_rates_areas_and_breakdowns_are_those_that_geometry_gives():
     report = PUSHED.run(parts_of(), Recorder(), np.random.default_rng(3))
     rows = {(c, d, level): i for i, (c, d, level) in enumerate(zip(
