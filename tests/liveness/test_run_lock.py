@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
@@ -178,6 +179,27 @@ def test_where_the_disk_cannot_lock_the_process_is_looked_for(folder, alive, sta
     start = json.loads((folder.parent / "own" / LOCK).read_text())["process_start_ticks"]
     edit(folder, 3600, flock=False, pid=os.getpid(), process_start_ticks=start if alive else start - 1)
     assert load_run(folder).state == state
+
+
+def test_a_disk_that_cannot_lock_is_noted_and_a_second_run_refused_by_the_heartbeat(folder, monkeypatch):
+    def no_locks(*_):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr("fcntl.flock", no_locks)
+    run = RunFolder(folder)
+    run.open(MANIFEST, "")
+    assert (
+        "this disk cannot lock run.lock: whether the run lives is told by its heartbeat"
+        in (folder / "run.log").read_text()
+    )
+    assert load_run(folder).state == "running"
+    with pytest.raises(DataError, match="is still running"):
+        RunLock.take(folder, REPAIR, ended=True)
+    run.close()
+    edit(folder, boot_id="another", host="elsewhere")
+    assert load_run(folder).state == "running"
+    edit(folder, 2 * FRESH_S)
+    assert load_run(folder).state == "silent"
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", "{" * 5000, '{"pid": 1}', "\0" * 900])

@@ -170,7 +170,8 @@ def ago(time_s: float) -> str:
 class RunLock:
     """The lock on a run folder, held from `take` to `release`, or until the process ends."""
 
-    def __init__(self, descriptor: int) -> None:
+    def __init__(self, descriptor: int, flock: bool) -> None:
+        self.flock = flock  # whether the disk could lock the file: if not, the heartbeat alone counts
         self._descriptor = descriptor
         self._content = os.pread(descriptor, LARGEST_BYTES, 0)
         self._stop = threading.Event()
@@ -199,9 +200,7 @@ class RunLock:
             copy = f"a mended copy: omnilab repair {shlex.quote(str(folder))} --output DIR"
             advice = copy if purpose == REPAIR else "give another folder"
             raise DataError(f"{path} cannot be written ({error.strerror}); {advice}") from error
-        if flock is None:
-            log.info("%s cannot be locked on this disk: whether the run lives is told by its heartbeat alone", path)
-        return cls(descriptor)
+        return cls(descriptor, bool(flock))
 
     def release(self) -> None:
         """Let go of it; the file stays, for whoever removes it might remove one that is held anew."""

@@ -16,7 +16,7 @@ from omnilab.atomic_files import write_whole
 from omnilab.errors import DataError, PluginError
 from omnilab.runner.run_folder import status_file
 from omnilab.runner.run_folder.latest import check_latest, point_latest
-from omnilab.runner.run_folder.lock import RunLock, check_unused
+from omnilab.runner.run_folder.lock import LOCK, RunLock, check_unused
 from omnilab.runner.run_folder.names import CONFIG, MANIFEST, METRICS, RESERVED, RUN_LOG, RUNNING, STATUS, WARNINGS
 from omnilab.runner.run_folder.run_log import RunLog
 from omnilab.runner.run_folder.tables import number, write_csv, write_text
@@ -66,6 +66,8 @@ class RunFolder:
             self.status(RUNNING)  # makes it a run: the rest is there
             status_file.reserve(self.folder)
             self._log = RunLog(self.folder)
+            if self._lock is not None and not self._lock.flock:
+                log.info("this disk cannot lock %s: whether the run lives is told by its heartbeat alone", LOCK)
             if latest is not None:
                 point_latest(latest, self.folder)
         except BaseException:
