@@ -21,6 +21,7 @@ from omnilab_mcap.chunks import HEAD, LARGEST_BYTES, Index, Unreadable, is_chunk
 from omnilab_mcap.summary import read_summary
 
 MOST_READS = 8  # of each byte: damage makes some be read again, and a hostile log would make all be
+PLACE_BYTES = 4096  # of reading that a damage counts for, and a place that looks like a record
 BLOCK_BYTES = 1 << 20
 IN_DATA = {
     Opcode.HEADER: Header,
@@ -56,7 +57,7 @@ class DamagedLog:
     """
 
     def __init__(self, file: BinaryIO, size: int) -> None:
-        self._file, self._size, self._left = file, size, MOST_READS * size + BLOCK_BYTES
+        self._file, self._size, self._left = file, size, MOST_READS * size + 64 * BLOCK_BYTES
         self.summary = read_summary(file, size)
         self._channels = set(self.summary.channels) if self.summary else set[int]()
         self._chunked = bool(self.summary and self.summary.chunks)
@@ -75,6 +76,7 @@ class DamagedLog:
                 if opcode == Opcode.MESSAGE_INDEX and sound and not agrees(records[0], self._index):
                     raise Unreadable("the index of a chunk", messages=False)
             except Unreadable as error:
+                self._left -= PLACE_BYTES
                 after = self._after(at)
                 torn = after == self._size and (error.torn or self._is_zero(self._last_byte(at)))
                 yield Damage(at, after, str(error), torn, error.messages or after != self._last_byte(at) + 1)
@@ -179,6 +181,7 @@ class DamagedLog:
 
     def _begins(self, at: int) -> bool:
         """Whether a whole record starts here, with next to no doubt."""
+        self._left -= PLACE_BYTES
         try:
             opcode, end = self._extent(at)
             if (self._chunked and opcode not in OUTSIDE_CHUNKS) or not self._follows(end):

@@ -29,6 +29,7 @@ END, STORE, ARROW, BLUEPRINT = range(4)  # kinds of messages
 TUID = struct.Struct("<xQxQ")  # a number of a chunk: when it was made, ns, and a count, each a field of its own
 LARGEST_BYTES = 1 << 30  # of a message, packed or not: what is held in memory
 MOST_READS = 8  # of each byte: damage makes some be read again, and a hostile recording would make all be
+PLACE_BYTES = 4096  # of reading that a damage counts for, and a place that looks like a message
 BLOCK_BYTES = 1 << 20
 STARTS = re.compile(rb"[\x01-\x03]\0{7}.{4}\0{4}\n", re.DOTALL)  # of messages: each begins with its field 1
 UNSOUND = (pa.ArrowException, ValueError, KeyError, TypeError, OSError, OverflowError, struct.error)
@@ -70,7 +71,7 @@ class DamagedRecording:
 
     def __init__(self, path: Path, file: BinaryIO, size: int) -> None:
         self.path = path
-        self._file, self._size, self._left = file, size, MOST_READS * size + BLOCK_BYTES
+        self._file, self._size, self._left = file, size, MOST_READS * size + 64 * BLOCK_BYTES
         start = self._read(0, len(HEADER))
         older = HEADER[:4] + start[VERSION] + HEADER[8:]  # which the program reads too
         self.header = start if start == older and start[VERSION] <= HEADER[VERSION] else HEADER
@@ -105,6 +106,7 @@ class DamagedRecording:
                 yield Message(at, end, kind, store, log_ns)
                 at = end
             except _Unreadable as error:
+                self._left -= PLACE_BYTES
                 last = self._last_byte(at)
                 after = last + 1 if last > at and self._follows(last + 1) else self._next(at + 1)
                 yield Gap(at, after, torn=after == self._size and (error.torn or self._is_zero(last)))
@@ -170,6 +172,7 @@ class DamagedRecording:
         return self._size
 
     def _begins(self, at: int) -> bool:
+        self._left -= PLACE_BYTES
         try:
             kind, end = self._extent(at)
             sound(kind, self._read(at, end - at)[HEAD.size :])
@@ -220,14 +223,22 @@ def _batch(found: dict[int, Field]) -> pa.RecordBatch:
 
 
 def _log_ns(batch: pa.RecordBatch, found: dict[int, Field]) -> int | None:
-    """When the first row was logged; KeyError or ValueError if the rows are not those of the message's chunk."""
+    """When the first row was logged; KeyError or ValueError if names and number are not those of a chunk of the message."""
     about = batch.schema.metadata
-    str(about[b"rerun:entity_path"], "utf-8")
     number = int(about[b"rerun:id"].removeprefix(b"chunk_"), 16)
     if 6 in found:
         time_ns, count = TUID.unpack(found[6])
         if number != time_ns << 64 | count:
             raise ValueError("another chunk")
+    names = [str(about[b"rerun:entity_path"], "utf-8")]
+    for column in batch.schema:
+        described = column.metadata or {}
+        again = described.get(b"rerun:component", described.get(b"rerun:index_name", column.name.encode()))
+        if again.decode() != column.name:
+            raise ValueError("a column of two names")
+        names += [column.name, str(column.type)]  # which holds the names within it
+    if not all(map(str.isprintable, names)):  # on a zero Rerun's reader in Python would end the process
+        raise ValueError("a name that is none")
     if "log_time" not in batch.schema.names or not batch.num_rows:
         return None
     return int(batch.column("log_time").cast("int64")[0].as_py())

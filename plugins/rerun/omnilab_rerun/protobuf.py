@@ -7,10 +7,15 @@ from typing import Any
 Field = Any  # a whole number, or bytes
 
 
+MOST_FIELDS = 100  # of a message; those of recordings have less than ten
+
+
 def fields(message: bytes) -> dict[int, Field]:
-    """The last field of each number; ValueError if the message is not whole."""
+    """The last field of each number; ValueError if the message is not whole, or has more than MOST_FIELDS."""
     found, at = dict[int, Field](), 0
-    while at < len(message):
+    for _ in range(MOST_FIELDS):
+        if at == len(message):
+            return found
         key, at = _varint(message, at)
         match key & 7:
             case 0:
@@ -28,7 +33,7 @@ def fields(message: bytes) -> dict[int, Field]:
             raise ValueError("a field is torn")
         found[key >> 3] = message[at : at + length]
         at += length
-    return found
+    raise ValueError("there are too many fields")
 
 
 def _varint(message: bytes, at: int) -> tuple[int, int]:

@@ -145,6 +145,7 @@ def test_whole_messages_survive_any_damage(tmp_path, log, rows, kind):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(3600)
 @pytest.mark.parametrize("kind", KINDS)
 def test_whole_messages_survive_a_hundred_damages_of_each_kind(tmp_path, log, rows, kind):
     check_damages(tmp_path, log, rows, kind, range(100, 200))
@@ -185,25 +186,45 @@ def test_the_footer_of_a_shorter_recording_is_not_believed(tmp_path, log, rows):
     assert kept == set().union(*(inside for *_, inside in rows)) - lost
 
 
-def test_a_message_that_only_the_program_refuses_is_left_out(tmp_path, log, rows):
-    """Sound Arrow data, but with a column of a kind that there is not."""
-    start, end, lost = rows[len(rows) // 2]
+def with_columns(log, row, change):
+    """The recording in which a message has other columns: `change` of each field of its schema."""
+    start, end, _ = row
     found = fields(log[start + 16 : end])
     batch = damage._batch(found)
-    odd = [field.with_metadata({b"rerun:kind": b"nonsense"}) for field in batch.schema]
+    schema = pa.schema([change(column) for column in batch.schema], batch.schema.metadata)
     payload = pa.BufferOutputStream()
-    with pa.ipc.new_stream(payload, pa.schema(odd, batch.schema.metadata)) as out:
-        out.write_batch(pa.record_batch(batch.columns, pa.schema(odd, batch.schema.metadata)))
-    body = b"".join(
-        [field(1, found[1]), b"\x10\x01\x18\0\x20\x01", field(5, payload.getvalue().to_pybytes()), field(6, found[6])]
-    )
-    damage.sound(damage.ARROW, body)
-    bad = log[:start] + struct.pack("<QQ", 2, len(body)) + body + log[end:]
-    (tmp_path / "run.rrd").write_bytes(bad)
-    assert _rrd("verify", tmp_path / "run.rrd").returncode
-    sentence, kept = mend(tmp_path, bad)
+    with pa.ipc.new_stream(payload, schema) as out:
+        out.write_batch(pa.record_batch(batch.columns, schema))
+    rows = field(5, payload.getvalue().to_pybytes())
+    body = field(1, found[1]) + b"\x10\x01\x18\0\x20\x01" + rows + field(6, found[6])
+    return log[:start] + struct.pack("<QQ", 2, len(body)) + body + log[end:]
+
+
+def renamed(new):
+    """A change of columns: the matrix has another name."""
+    return lambda column: column.with_name(new) if column.name == "DepthImage:buffer" else column
+
+
+def test_a_message_that_only_the_program_refuses_is_left_out(tmp_path, log, rows):
+    """Sound Arrow data, but with columns of a kind that there is not."""
+    row = rows[len(rows) // 2]
+    every = set().union(*(inside for *_, inside in rows))
+    (tmp_path / "same").mkdir()
+    assert mend(tmp_path / "same", with_columns(log, row, lambda column: column))[1] == every
+    (tmp_path / "odd").mkdir()
+    odd = with_columns(log, row, lambda c: c.with_metadata({b"rerun:kind": b"nonsense"}))
+    sentence, kept = mend(tmp_path / "odd", odd)
     assert "was damaged" in sentence
-    assert kept == set().union(*(inside for *_, inside in rows)) - lost
+    assert kept == every - row[2]
+
+
+@pytest.mark.parametrize("name", ["DepthImage:bu\0fer", "DepthImage:buffet"])
+def test_a_column_whose_name_is_damaged_is_left_out(tmp_path, log, rows, name):
+    """Rerun's program takes both, and its reader in Python ends the process at the first."""
+    row = next(row for row in reversed(rows) if b"/signature" in log[row[0] : row[1]])
+    sentence, kept = mend(tmp_path, with_columns(log, row, renamed(name)))
+    assert "was damaged" in sentence
+    assert kept == set().union(*(inside for *_, inside in rows)) - row[2]
 
 
 def field(number, content):
