@@ -194,3 +194,21 @@ def test_logs_without_a_name_is_refused(omnilab_here, tmp_path, mode, value):
     assert "names no folder; give logs=DIR, or logs=. for the folder that you are in" in line
     assert not list(tmp_path.iterdir())
     assert not Path("/map").exists()
+
+
+def test_folders_of_any_depth_and_links_to_nowhere_hide_no_run(tmp_path, monkeypatch):
+    logs = tmp_path / "logs"
+    sound, torn = made(logs / "a"), made(logs / "b")
+    (torn / "status.json").unlink()
+    (torn / "status.json").symlink_to("status.json")
+    monkeypatch.chdir(logs)
+    for _ in range(1200):  # deeper than Python's stack
+        os.mkdir("d")  # noqa: PTH102  no path is so long
+        os.chdir("d")
+    found = {run.folder: run for run in find_runs(logs)}
+    assert found[sound].state == DONE
+    with pytest.raises(DataError, match=r"status\.json cannot be read"):
+        _ = found[torn].state
+    for _ in range(1200):  # which no one else clears away
+        os.chdir("..")
+        os.rmdir("d")  # noqa: PTH106

@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import math
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
@@ -223,8 +224,22 @@ def load_run(folder: str | Path) -> LoadedRun:
 
 
 def find_runs(logs: str | Path = "logs") -> list[LoadedRun]:
-    """All runs below a folder, oldest first; DataError if there is no such folder."""
+    """All runs below a folder, oldest first; DataError if there is no such folder.
+
+    No link is followed, such as `latest`. A folder that cannot be listed, or lies too deep, may be a run's: it is among them.
+    """
     if not Path(logs).is_dir():
         raise DataError(f"there is no folder {logs}; give the one that holds the runs (logs=... of an experiment)")
-    files = Path(logs).rglob(STATUS)  # which follows no link, such as `latest`
-    return [LoadedRun(f.parent) for f in sorted(files, key=lambda f: f.parent.as_posix())]
+    found, waiting = [], [str(logs)]
+    while waiting:
+        folder = waiting.pop()
+        try:
+            with os.scandir(folder) as entries:
+                inside = list(entries)
+            waiting += [entry.path for entry in inside if entry.is_dir(follow_symlinks=False)]
+        except OSError:
+            found.append(folder)
+            continue
+        if any(entry.name == STATUS for entry in inside):
+            found.append(folder)
+    return [LoadedRun(folder) for folder in sorted(map(Path, found), key=Path.as_posix)]
