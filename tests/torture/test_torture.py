@@ -24,7 +24,8 @@ from omnilab.errors import DataError
 RUN = Path(__file__).with_name("torture_run.py")
 FEW = {"kill": 1, "full": 1}
 MORE = {
-    "kill": 6, "instant": 2, "signal": 3, "full": 3, "limit": 1, "pipe": 2, "disk": 2, "pids": 1, "together": 5, "identity": 1,
+    "kill": 4, "instant": 2, "signal": 2, "full": 3, "cache": 1, "limit": 1, "pipe": 2, "disk": 2, "pids": 1, "together": 3,
+    "identity": 1,
 }  # fmt: skip
 Survey = dict[str, list[tuple[str, str]]]
 

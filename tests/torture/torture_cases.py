@@ -67,7 +67,7 @@ def _after_kill(scenario: Scenario, here: Path, killed_ns: int) -> Iterator[str]
 
 def heard(number: int, rng: Random, here: Path) -> Iterator[str]:
     """SIGINT, SIGTERM or SIGHUP at any operation, or at any instant: a true status, whole logs, the metrics if computed."""
-    scenario = _nth(["run", "sweep", "map", "render", "warm"], number)
+    scenario = _nth(["map", "run", "sweep", "render", "warm"], number)
     sent = rng.choice(HEARD)
     fault = Fault("signal", rng.randint(1, len(scenario.operations)), sent) if rng.random() < 0.7 else None
     scenario.prepare(here)
@@ -97,7 +97,7 @@ def _after_signal(scenario: Scenario, here: Path, ended: Ended) -> Iterator[str]
 
 def full(number: int, rng: Random, here: Path) -> Iterator[str]:
     """The disk takes nothing more, or fails, from any operation on."""
-    scenario = _nth(["run", "sweep", "map", "render", "warm", "cleaning", "localize"], number)
+    scenario = _nth(["map", "run", "sweep", "render", "warm", "cleaning", "localize"], number)
     error = rng.choice(ERRORS)
     fault = Fault("fail", rng.randint(1, len(scenario.operations)), error, torn=rng.random() < 0.5)
     scenario.prepare(here)
@@ -117,7 +117,7 @@ def cacheless(number: int, rng: Random, here: Path) -> Iterator[str]:
 
 def limited(number: int, rng: Random, here: Path) -> Iterator[str]:
     """No file may grow beyond a size (RLIMIT_FSIZE)."""
-    scenario = _nth(["run", "sweep", "map", "render"], number)
+    scenario = _nth(["map", "run", "sweep", "render"], number)
     size = int(10 ** rng.uniform(1, 5.5))
     scenario.prepare(here)
 
@@ -153,7 +153,7 @@ def after_shortage(
 
 def pipes(number: int, rng: Random, here: Path) -> Iterator[str]:
     """Whoever reads standard output or standard error goes away, after any number of bytes."""
-    scenario = _nth(["run", "sweep", "map", "render"], number)
+    scenario = _nth(["map", "run", "sweep", "render"], number)
     reads = [float("inf"), float("inf")]
     for pipe in rng.choice([[0], [1], [0, 1]]):
         reads[pipe] = rng.choice([0, 1, 10, rng.randint(1, 200), rng.randint(1, 2000)])

@@ -92,9 +92,9 @@ def witness(folder: Path) -> dict[str, str]:
 SCENARIOS = {
     scenario.name: scenario
     for scenario in (
+        Scenario("map", MAP),
         Scenario("run", TINY),
         Scenario("sweep", SWEEP),
-        Scenario("map", MAP),
         Scenario("warm", MAP, [(MAP, None)]),
         Scenario("cleaning", (*MAP, "cache_gb=1e-6", "descriptor.angles=36"), [(MAP, None)]),
         Scenario("localize", LOCALIZE, [((*MAP, "logs=maps"), None)]),

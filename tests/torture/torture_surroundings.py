@@ -53,7 +53,7 @@ def mount(source: str, target: str | Path, kind: str | None, flags: int = 0, opt
 
 def disk(number: int, rng: Random, here: Path) -> Iterator[str]:
     """A disk of its own (tmpfs) with room for any number of bytes."""
-    scenario = SCENARIOS[("run", "sweep", "map", "render", "warm", "cleaning")[number % 6]]
+    scenario = SCENARIOS[("map", "run", "sweep", "render", "warm", "cleaning")[number % 6]]
     room = int(10 ** rng.uniform(3, 6.2))
     assert scenario.results  # made here, on the large disk
 
