@@ -54,15 +54,21 @@ def _after_kill(scenario: Scenario, here: Path, killed_ns: int) -> Iterator[str]
     yield from promises.listing(here, "killed", "done", "failed")
     yield from promises.wrong_metrics(here, scenario.metrics)
     yield from promises.mended_logs(here, killed_ns)
+    yield from _again(scenario, here)
+    yield from promises.torn_files(here)
+    yield from promises.listing(here, "killed", "done", "failed")
+    for path in sorted(planted - promises.planted(here)):
+        yield f"the user's {path} was touched"
+
+
+def _again(scenario: Scenario, here: Path) -> Iterator[str]:
+    """The same command again, which nothing disturbs, does all that it should."""
     again = run(here, *scenario.command)
     if again.code or "Traceback" in again.stderr:
         yield f"the same command again: {again.said}"
     elif scenario.is_experiment:
         yield from promises.differences(promises.results(here), scenario.results)
-    yield from promises.torn_files(here)
-    yield from promises.listing(here, "killed", "done", "failed")
-    for path in sorted(planted - promises.planted(here)):
-        yield f"the user's {path} was touched"
+        yield from promises.latest(here)
 
 
 def heard(number: int, rng: Random, here: Path) -> Iterator[str]:
@@ -89,10 +95,7 @@ def _after_signal(scenario: Scenario, here: Path, ended: Ended) -> Iterator[str]
         yield from promises.unreadable_logs(found.folder)
         if found.state == "done" and ended.code == 0 and not _printed(ended):
             yield f"done, and no metrics on standard output: {ended.said}"
-    again = run(here, *scenario.command)
-    if again.code:
-        yield f"the same command again: {again.said}"
-    yield from promises.differences(promises.results(here), scenario.results)
+    yield from _again(scenario, here)
 
 
 def full(number: int, rng: Random, here: Path) -> Iterator[str]:
@@ -145,10 +148,7 @@ def after_shortage(
     if states - allowed:
         yield f"runs are {', '.join(sorted(states))}: {ended.said}"
     make_room()
-    again = run(here, *scenario.command)
-    if again.code:
-        yield f"the same command again, with room: {again.said}"
-    yield from promises.differences(promises.results(here), scenario.results)
+    yield from _again(scenario, here)
 
 
 def pipes(number: int, rng: Random, here: Path) -> Iterator[str]:

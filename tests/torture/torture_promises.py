@@ -112,6 +112,14 @@ def listing(folder: Path, *states: str) -> Iterator[str]:
             yield f"{name} is {found.state}, not {' or '.join(states)}"
 
 
+def latest(folder: Path) -> Iterator[str]:
+    """`logs/latest` is a link to the run that ended last."""
+    newest = max(runs_of(folder), key=lambda found: (found.folder / "status.json").stat().st_mtime_ns).folder
+    link = folder / "logs/latest"
+    if not link.is_symlink() or link.resolve() != newest.resolve():
+        yield f"{link} is {link.resolve()}, not {newest}"
+
+
 def mended_logs(folder: Path, killed_ns: int = 0) -> Iterator[str]:
     """`omnilab repair` mends the logs of each run that did not end; other readers read them, and little is lost."""
     for found in runs_of(folder):
@@ -142,17 +150,17 @@ def unreadable_logs(folder: Path) -> Iterator[str]:
 
 
 def lost_records(folder: Path, killed_ns: int) -> Iterator[str]:
-    """What the witness saw more than a second before the kill is in both logs of the run that was killed."""
-    noted = torture_witness.noted(folder.parent / "witness")
-    runs = [found for found in runs_of(folder) if (found.folder / "run.mcap").exists()]
-    if not noted or not runs:
-        return
-    newest = max(runs, key=lambda found: found.folder.stat().st_ctime).folder
-    for name, read in (("run.mcap", _mcap), ("run.rrd", _rrd)):
-        there = forked(read, newest / name)
-        lost = [killed_ns - at for at, path, step in noted if (path, step) not in there]
-        if lost and max(lost) > LOST_NS:
-            yield f"{name} has lost {len(lost)} of {len(noted)} records, the oldest {max(lost) / 1e9:.2f} s before the kill"
+    """What the witness saw more than a second before the kill is in both logs of its run."""
+    for found in runs_of(folder):
+        noted = torture_witness.noted(folder.parent / "witness", found.folder)
+        for name, read in (("run.mcap", _mcap), ("run.rrd", _rrd)) if noted else ():
+            there = forked(read, found.folder / name)
+            lost = [killed_ns - at for at, path, step in noted if (path, step) not in there]
+            if lost and max(lost) > LOST_NS:
+                yield (
+                    f"{found.folder.name}/{name} has lost {len(lost)} of {len(noted)} records, the oldest"
+                    f" {max(lost) / 1e9:.2f} s before the kill"
+                )
 
 
 def _mcap(path: Path) -> set[tuple[str, int]]:

@@ -16,10 +16,11 @@ SINK = "+sink@sinks.witness=witness"  # after the logs': what is noted was hande
 
 @dataclass
 class Witness:
-    """A line for each record that has steps: time in ns, path, step."""
+    """A line for each record that has steps: time in ns, path, step, the run's folder."""
 
     def open(self, folder: Path) -> None:
         """Open the file."""
+        self._folder = folder.resolve()
         self._file = os.open(os.environ[VARIABLE], os.O_WRONLY | os.O_APPEND | os.O_CREAT)
 
     def write(self, path: str, record: Record, tick: Tick | None) -> None:
@@ -30,7 +31,7 @@ class Witness:
         elif tick is not None and isinstance(record, Image | Signature | Estimate | Pose):
             steps = [tick.step]
         now = time.time_ns()
-        os.write(self._file, "".join(f"{now} /{path.strip('/')} {step}\n" for step in steps).encode())
+        os.write(self._file, "".join(f"{now} /{path.strip('/')} {step} {self._folder}\n" for step in steps).encode())
 
     def flush(self) -> None:
         """Nothing is kept back."""
@@ -50,7 +51,8 @@ def register_sinks(register):
     register("witness", Witness)
 
 
-def noted(file: Path) -> list[tuple[int, str, int]]:
-    """Time in ns, path and step of all that a witness noted."""
+def noted(file: Path, folder: Path) -> list[tuple[int, str, int]]:
+    """Time in ns, path and step of all that a witness noted of the run in a folder."""
     lines = file.read_text().split("\n")[:-1] if file.exists() else []
-    return [(int(time_ns), path, int(step)) for time_ns, path, step in (line.split(" ") for line in lines)]
+    rows = (line.split(" ", 3) for line in lines)
+    return [(int(time_ns), path, int(step)) for time_ns, path, step, run in rows if Path(run) == folder.resolve()]
