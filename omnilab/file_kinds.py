@@ -73,10 +73,20 @@ def opened(file: Path, largest: int) -> io.BufferedReader | io.BytesIO:
 def content_of(file: Path, largest: int) -> bytes:
     """The bytes of a regular file of up to `largest` of them; errors as of `opened`."""
     with opened(file, largest) as stream:
-        data = stream.read(largest + 1)
-    if len(data) > largest:  # it grows
-        raise OSError(errno.EFBIG, f"it has more than {largest} bytes")
-    return data
+        size = stream.seek(0, io.SEEK_END)
+        stream.seek(0)
+        return stream.read(min(size, largest))
+
+
+def has_longer_line(data: bytes, most: int) -> bool:
+    """Whether a text has a line of more than `most` bytes."""
+    at = 0
+    while len(data) - at > most:
+        end = max(data.rfind(newline, at, at + most + 1) for newline in (b"\n", b"\r"))
+        if end < 0:
+            return True
+        at = end + 1
+    return False
 
 
 def is_folder(path: str | Path) -> bool:

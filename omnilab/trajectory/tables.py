@@ -17,12 +17,13 @@ import numpy.typing as npt
 
 from omnilab.api import Bools, Floats, Ints
 from omnilab.errors import DataError
-from omnilab.file_kinds import content_of, how_to_export, kind_of_file
+from omnilab.file_kinds import content_of, has_longer_line, how_to_export, kind_of_file
 from omnilab.trajectory.clocks import unit_of
 from omnilab.trajectory.columns import LENGTHS, MATRIX, QUATERNION, ROTATIONS, STAMPS, TUM
 from omnilab.trajectory.lookalikes import NUMBER, image_column, misnamed
 
 LARGEST_FILE = 256 * 2**20  # bytes
+LONGEST_LINE = 2**16  # bytes
 MOST_POSES = 2_000_000
 ROUNDING = 1e-7  # of the same, as numbers of full length leave it
 TOLERANCE = 1e-3  # of R times its transpose to the unit matrix: what four written digits leave
@@ -232,6 +233,8 @@ def _text(file: Path) -> str:
             remedy = how_to_export(file, kind) or f"give {FORMATS}"
             raise DataError(f"{file} is {kind}, and no text of poses; {remedy}")
         data = content_of(file, LARGEST_FILE)
+        if has_longer_line(data, LONGEST_LINE):
+            raise DataError(f"{file} has a line of more than {LONGEST_LINE} bytes; write a pose a line")
     except OSError as error:
         raise DataError(f"the poses {file} cannot be read ({error.strerror}); give {FORMATS}") from None
     try:

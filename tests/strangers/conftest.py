@@ -1,12 +1,16 @@
-"""Runs whose files a stranger wrote."""
+"""Runs whose files a stranger wrote; `bombs` can be imported from here."""
 
 from __future__ import annotations
 
 import json
 import shutil
+import sys
+from pathlib import Path
 
 import pytest
 import yaml
+
+sys.path.insert(0, str(Path(__file__).parent))
 
 PING = '''
 import os

@@ -22,6 +22,7 @@ from omnilab.runner.run_folder.lock import REPAIR, RUN, LockState, ago, by_time,
 from omnilab.runner.run_folder.names import CONFIG, KILLED, MANIFEST, RUNNING, SILENT, STATUS
 
 LARGEST_FILE, LARGEST_TABLE = 4 * 2**20, 256 * 2**20  # bytes
+DEEPEST = 32  # brackets within brackets
 CLOCKS_S = 10.0  # by which the times of a process and of a file may differ
 
 
@@ -188,12 +189,15 @@ def _csv_rows(text: str) -> list[list[str]]:
 
 
 def _yaml(text: str) -> Any:
-    """The content of a YAML file; ValueError if it has aliases, which none of ours has and which fill any memory."""
+    """The content of a YAML file; ValueError if it has aliases or deep brackets: none of ours has, and they fill any memory."""
     import yaml
 
-    if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, Loader=yaml.SafeLoader)):
-        raise ValueError("it has an alias")
-    return yaml.safe_load(text)
+    loader, depth = getattr(yaml, "CSafeLoader", yaml.SafeLoader), 0
+    for event in yaml.parse(text, Loader=loader):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > DEEPEST or isinstance(event, yaml.AliasEvent):
+            raise ValueError("it has an alias, or is nested too deeply")
+    return yaml.load(text, loader)
 
 
 def _why(error: Exception) -> str:

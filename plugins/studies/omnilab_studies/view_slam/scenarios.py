@@ -15,6 +15,7 @@ from omnilab.errors import DataError, did_you_mean
 from omnilab.file_kinds import content_of
 
 MAX_BYTES = 100_000
+DEEPEST = 16  # brackets within brackets
 MAX_STEPS = 20_000  # of one lap
 ROUNDINGS = 3  # each cuts every corner
 KEYS = ("path_m", "walls_m", "step_m", "odometry")
@@ -74,7 +75,13 @@ def _content(file: Path, data: bytes) -> dict[str, Any]:
     import yaml
 
     try:
+        depth = 0
         for event in yaml.parse(data, Loader=yaml.SafeLoader):
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > DEEPEST:
+                raise DataError(
+                    f"{file} is nested deeper than {DEEPEST} levels; write a scenario, as docs/views.md has it"
+                )
             if isinstance(event, yaml.AliasEvent):  # nine of nine of nine ... of them fill any memory
                 line = event.start_mark.line + 1 if event.start_mark else "?"
                 raise DataError(f"{file}, line {line}: '*{event.anchor}' is an alias; write the value out")

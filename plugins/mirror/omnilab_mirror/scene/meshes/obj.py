@@ -10,12 +10,14 @@ import numpy as np
 
 from omnilab.api import Bytes, Floats, Ints
 from omnilab.errors import DataError
+from omnilab.file_kinds import has_longer_line
 from omnilab_mirror.scene.meshes.mesh_materials import GREY, WHITE, MeshMaterials
 from omnilab_mirror.scene.meshes.mtl import Material, read_mtl, text_of
 from omnilab_mirror.scene.meshes.obj_faces import INDEX, OTHER, parse_faces
 from omnilab_mirror.scene.meshes.polygons import split
 from omnilab_mirror.scene.meshes.triangles import Triangles
 
+LONGEST_LINE = 2**20  # bytes; a face of so many corners is none
 CHUNK = 16_000_000  # bytes that are taken apart at once
 END = -1.2345e300  # stands at the end of each line of numbers while they are read
 SILENT = {b"vn", b"vp", b"g", b"s", b"#", b"", b"mg", b"lod", b"maplib", b"usemap", b"bevel", b"c_interp", b"d_interp"}
@@ -49,6 +51,10 @@ def read_obj(data: bytes, materials: MeshMaterials, limit: int) -> Iterator[Tria
     """The triangles of an OBJ file, those of each object and material together; DataError says what is wrong with it."""
     if data[:2] in {b"\xff\xfe", b"\xfe\xff"} or b"\0" in data[:1000]:
         raise DataError(f"{materials.file} is no whole OBJ file (it is UTF-16 or binary); save it as UTF-8 text")
+    if has_longer_line(data, LONGEST_LINE):
+        raise DataError(
+            f"{materials.file} is no whole OBJ file (it has a line of more than {LONGEST_LINE} bytes); save it again"
+        )
     obj = _lines_read(_plain_text(data), materials, limit)
     if not obj.counts or not sum(map(len, obj.counts)):
         return
