@@ -21,7 +21,12 @@ from omnilab.runner.run_folder import LoadedRun, find_runs
 
 PLANTED = "a user's own file\n"
 LOST_NS = 1_000_000_000  # what was logged up to so long before a kill is in both logs
-TABLES = ("cost.csv", "times.csv", "summary.csv")  # which say how long it took, or what became of all jobs
+TABLES = (
+    "cost.csv",
+    "times.csv",
+    "robustness.csv",
+    "summary.csv",
+)  # which say how long it took, or what became of all jobs
 
 
 # ------------------------------------------------------------------------------------------------- files of a user
