@@ -29,10 +29,12 @@ UNWRITABLE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO}
 
 
 def of_machine(error: BaseException) -> OmnilabError | None:
-    """The sentence about a full disk, or too little memory, which are no bugs; None about any other error."""
+    """The sentence about a full disk, too little memory or too many files, which are no bugs; None about another error."""
     if isinstance(error, OSError) and error.errno in UNWRITABLE:
         what = error.filename or "a file"
         return DataError(f"{what} cannot be written ({error.strerror}); make room there, or give another place")
+    if isinstance(error, OSError) and error.errno in {errno.EMFILE, errno.ENFILE}:
+        return DataError(f"no more files can be opened ({error.strerror}); give a larger limit first: ulimit -n 4096")
     if isinstance(error, MemoryError):
         why = f" ({error})" if str(error) else ""
         return DataError(f"there is too little memory{why}; give it less to do at once, or a larger machine")

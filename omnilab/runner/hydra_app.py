@@ -55,8 +55,8 @@ def experiment(argv: list[str], registry: Registry) -> int:
         finally:  # also when it was interrupted, or a job ended it
             code = _end_sweep(task.begun, all_begun)
             Sweep.release()
-    if task.mistake:
-        raise task.mistake
+    if task.error:
+        raise task.error
     return code
 
 
@@ -89,7 +89,7 @@ class Task:
 
     def __init__(self, registry: Registry | None = None) -> None:
         self.registry = registry
-        self.mistake: OmnilabError | None = None
+        self.error: Exception | None = None  # which Hydra would print its own lines about
         self.begun: dict[str, list[str]] = {}  # the jobs of a sweep in this process: their overrides
 
     def __reduce__(self) -> tuple[type[Task], tuple[()]]:
@@ -112,8 +112,8 @@ class Task:
             return
         try:
             _run(config, self.registry, folder, overrides, name, lambda report: show_run(report, folder))
-        except (OmnilabError, OmegaConfBaseException) as error:
-            self.mistake = mistake_of(error, self.registry)  # Hydra would print its own lines about it
+        except Exception as error:  # noqa: BLE001  raised again where Hydra has ended
+            self.error = mistake_of(error, self.registry) or error
 
 
 def run_job(config: DictConfig, registry: Registry, folder: Path, overrides: list[str], name: str) -> None:

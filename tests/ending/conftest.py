@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import shlex
 import shutil
 import subprocess
@@ -31,10 +32,14 @@ class Ended(NamedTuple):
 def endings(omnilab_here: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
     """`endings(*arguments)`: the study, in this process; `-m` first makes a sweep."""
     monkeypatch.setenv("OMNILAB_PLUGINS", str(PLUGIN))
+    limit = resource.getrlimit(resource.RLIMIT_NOFILE)
 
     def run(*arguments: str) -> Any:
         mode = [one for one in arguments if one == "-m"]
-        return omnilab_here(*mode, *ENDINGS, *(one for one in arguments if one != "-m"))
+        try:
+            return omnilab_here(*mode, *ENDINGS, *(one for one in arguments if one != "-m"))
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, limit)
 
     return run
 

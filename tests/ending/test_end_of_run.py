@@ -261,3 +261,14 @@ def test_a_disk_without_links_is_told_and_the_run_goes_on(endings, tmp_path, mon
     assert "logs/latest cannot be made (Operation not permitted); give the run's folder, " in result.stderr
     (folder,) = (tmp_path / "logs" / "pose_graph").iterdir()
     assert load_run(folder).status["status"] == "done"
+
+
+def test_a_process_with_too_many_open_files_has_its_last_status(endings, tmp_path):
+    """The first of a run's files that cannot be opened is its metrics."""
+    result = endings("study.how=files")
+    assert result.rc == 2
+    assert "Traceback" not in result.stderr
+    assert "precious" in result.stdout
+    assert "metrics.csv, table.csv, extra.txt and 4 more could not be written into" in result.stderr
+    status = load_run(tmp_path / "logs" / "latest").status
+    assert (status["status"], "Too many open files" in status["error"]) == ("failed", True)

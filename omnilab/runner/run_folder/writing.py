@@ -9,7 +9,7 @@ import math
 import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from omnilab.api import Metric, Report
 from omnilab.atomic_files import write_whole
@@ -36,6 +36,7 @@ class RunFolder:
         self.missing: dict[str, BaseException] = {}  # files that could not be written
         self._log: RunLog | None = None
         self._lock: RunLock | None = None
+        self._reserved: BinaryIO | None = None  # room for the last status
 
     def open(self, manifest: Mapping[str, Any], config_yaml: str, latest: Path | None = None) -> None:
         """Create and lock the folder; from here on the run shows up in `omnilab runs`.
@@ -64,7 +65,7 @@ class RunFolder:
             write_text(self.folder / CONFIG, config_yaml)
             write_text(self.folder / MANIFEST, json.dumps(manifest, indent=2) + "\n")
             self.status(RUNNING)  # makes it a run: the rest is there
-            status_file.reserve(self.folder)
+            self._reserved = status_file.reserve(self.folder)
             self._log = RunLog(self.folder)
             if self._lock is not None and not self._lock.flock:
                 log.info("this disk cannot lock %s: whether the run lives is told by its heartbeat alone", LOCK)
@@ -77,7 +78,8 @@ class RunFolder:
 
     def status(self, status: str, **more: Any) -> None:
         """Say how the run stands: running, done, failed (with the error) or interrupted."""
-        status_file.write_status(self.folder, status, **more)
+        reserved, self._reserved = self._reserved, None
+        status_file.write_status(self.folder, status, reserved, **more)
 
     def write(
         self, report: Report, warnings: Iterable[str] = (), others: Mapping[str, Callable[[], object]] | None = None
@@ -86,8 +88,8 @@ class RunFolder:
 
         Then what `others` write, by file name. One that cannot be written is `missing`, and costs no other.
         """
-        if self._log is not None:
-            status_file.release(self.folder)
+        if self._reserved is not None:
+            status_file.release(self._reserved)
         taken = {path.name for path in self.folder.iterdir()} if self.folder.is_dir() else set()  # or it was removed
         for name, write in _results(report, warnings):
             self.attempt(name, lambda name=name, write=write: write(self._new_file(name, taken)))  # type: ignore[misc]
@@ -146,7 +148,10 @@ class RunFolder:
         self.close()
 
     def close(self) -> None:
-        """Release the log file and the lock."""
+        """Release the files and the lock."""
+        if self._reserved is not None:
+            self._reserved.close()
+            self._reserved = None
         if self._log is not None:
             self._log.close()
             self._log = None
