@@ -28,7 +28,7 @@ from omnilab.runner.overrides.command_line import for_hydra, quoted
 from omnilab.runner.overrides.compose_errors import sentence
 from omnilab.runner.registry import Registry, discover
 from omnilab.runner.run_folder import DONE, FAILED, RunFolder, new_folder_name, origin, summarize, write_csv
-from omnilab.runner.run_folder.lock import RunLock, lock_sweep
+from omnilab.runner.run_folder.lock import LOCK, RunLock, lock_sweep
 from omnilab.runner.run_folder.names import SUMMARY
 from omnilab.runner.streams import outlast
 from omnilab.runner.terminal import headline, print_error, print_summary, print_table, short, show_run
@@ -262,8 +262,11 @@ class Sweep:
 
     @classmethod
     def release(cls) -> None:
-        """Let other sweeps into the folder, which say that it is taken."""
+        """Let other sweeps into the folder, which say that it is taken; without its lock where nothing was begun."""
         if cls.lock is not None:
+            if cls.folder and [path.name for path in cls.folder.glob("*")] == [LOCK]:
+                with suppress(OSError):  # then it stays, and says that nobody holds it
+                    (cls.folder / LOCK).unlink()
             cls.lock.release()
             cls.lock = None
 

@@ -90,7 +90,7 @@ class RunFolder:
         """
         if self._reserved is not None:
             status_file.release(self._reserved)
-        taken = {path.name for path in self.folder.iterdir()} if self.folder.is_dir() else set()  # or it was removed
+        taken = _names(self.folder)
         for name, write in _results(report, warnings):
             self.attempt(name, lambda name=name, write=write: write(self._new_file(name, taken)))  # type: ignore[misc]
         for name, save in (others or {}).items():
@@ -158,6 +158,14 @@ class RunFolder:
         if self._lock is not None:
             self._lock.release()
             self._lock = None
+
+
+def _names(folder: Path) -> set[str]:
+    """What is in a folder; nothing if it was removed, or cannot be opened: then nothing is written, either."""
+    try:
+        return {path.name for path in folder.iterdir()}
+    except OSError:
+        return set()
 
 
 def _results(report: Report, warnings: Iterable[str]) -> Iterator[tuple[str, Callable[[Path], None]]]:
