@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+import errno
 import json
 from pathlib import Path
 
 import pytest
 
+from omnilab.runner import hydra_app
 from omnilab.runner.run_folder import load_run
 
 METRICS = "metric,value,unit,low,high,note\nprecious,0.123456789,m,0.1,0.2,\nnothing,,1,,,none\n"
@@ -92,15 +94,18 @@ def test_a_sweep_on_a_disk_that_fills_up(in_shell, tmp_path):
     assert "job 1: precious 0.1235" in ended.stderr
 
 
-def test_a_table_of_a_sweep_that_cannot_be_written_is_printed_whole(endings, tmp_path):
-    """Something of the user's has its name."""
-    sweep = tmp_path / "logs" / "mine"
-    (sweep / "summary.csv").mkdir(parents=True)
-    result = endings("-m", "study.value=1,2", f"hydra.sweep.dir={sweep}")
+def test_a_table_of_a_sweep_that_cannot_be_written_is_printed_whole(endings, monkeypatch):
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(hydra_app, "write_csv", full)
+    result = endings("-m", "study.value=1,2")
     assert result.rc == 2
     whole = [line.split() for line in result.stdout.partition("the whole table")[2].splitlines()]
     assert [(line[0], line[-3:]) for line in whole[-2:]] == [("0", ["1", "done", "1"]), ("1", ["2", "done", "2"])]
-    assert "cannot be written (Is a directory), so the whole table was printed" in check_sentence(result.stderr)
+    assert "cannot be written (No space left on device), so the whole table was printed" in check_sentence(
+        result.stderr
+    )
 
 
 @pytest.mark.slow
