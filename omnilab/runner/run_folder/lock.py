@@ -313,7 +313,7 @@ def lock_sweep(folder: Path) -> RunLock:
 
 
 def _check_no_sweep(folder: Path) -> None:
-    if (folder / SUMMARY).exists() or any(folder.glob(f"*/{STATUS}")):
+    if (folder / SUMMARY).is_file() or any(folder.glob(f"*/{STATUS}")):
         if (found := lock_state(folder)) and found.state == RUNNING:
             raise DataError(f"{found.sentence(folder)}; {ELSEWHERE}")
         raise DataError(f"{folder} holds a sweep already, whose jobs are not mixed with others; {ELSEWHERE}")
