@@ -200,3 +200,54 @@ def test_a_taken_live_port_costs_the_sink_and_not_the_run(omnilab_here, tmp_path
     run = load_run(tmp_path / "logs" / "latest")
     check_dropped(run, result.stderr, "rerun", str(port))
     check_mcap(run)
+
+
+# ------------------------------------------------------------------------------------------- sweeps
+COUNTS = '''
+"""A study that says how many threads and open files its process has, and fails with every second seed."""
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+from omnilab import Metric, Report, hookimpl
+from omnilab.api import Text, Tick
+
+@dataclass
+class Counts:
+    """Counts."""
+    fails: bool = False
+    needs: ClassVar[tuple[str, ...]] = ()
+    def run(self, parts, record, rng):
+        record.log("log", Text("one line"), Tick(0, 0))
+        counts = [len(list(Path(folder).iterdir())) for folder in ("/proc/self/task", "/proc/self/fd")]
+        with open("counts.txt", "a") as file:
+            print(*counts, file=file)
+        if self.fails:
+            raise ValueError("as it should")
+        return Report([Metric("threads", counts[0], "1")])
+
+@hookimpl
+def register_studies(register):
+    register("counts", Counts)
+'''
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="threads are counted in Linux's /proc")
+@pytest.mark.parametrize("ends", ["well", "in failures", "without its sinks"])
+def test_a_sweep_of_many_jobs_has_the_threads_and_files_of_one(tmp_path, monkeypatch, ends):
+    (tmp_path / "counts.py").write_text(COUNTS)
+    (tmp_path / "full.py").write_text(DISK_FULL)
+    monkeypatch.setenv("OMNILAB_PLUGINS", "counts.py,full.py")
+    call = ["-m", "experiment=pose_graph", "study=counts", f"seed={','.join(map(str, range(30)))}"]
+    if ends == "in failures":
+        call.append("study.fails=true")
+    if ends == "without its sinks":
+        call += ["+sink@sinks.full=full", "sinks.full.room=0"]
+    subprocess.run(
+        [Path(sys.executable).with_name("omnilab"), *call], cwd=tmp_path, capture_output=True, timeout=600, check=False
+    )
+    counts = [tuple(map(int, line.split())) for line in (tmp_path / "counts.txt").read_text().splitlines()]
+    assert len(counts) == 30
+    threads, files = zip(*counts, strict=True)
+    assert max(threads[2:]) <= threads[1] + 1, threads  # one may be about to end
+    assert max(files[2:]) <= files[1] + 1, files

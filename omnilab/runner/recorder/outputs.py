@@ -15,6 +15,8 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from omnilab.api import Record, Sink, Tick
 from omnilab.errors import PluginError, visible
 
@@ -128,7 +130,8 @@ class Output:
         except TimeoutError as error:
             self._drop(error)
         else:
-            self._attempt(lambda: self.sink.write(path, record, tick), path)
+            with np.errstate(all="ignore"):  # NaN in a record is what is to be seen in the log
+                self._attempt(lambda: self.sink.write(path, record, tick), path)
 
     def join(self) -> None:
         """Wait until the file is complete; a sink that does not end is dropped."""

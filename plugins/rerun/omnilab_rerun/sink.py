@@ -86,11 +86,21 @@ class RerunSink:
         return [rr.GrpcServerSink(bind_ip=LOOPBACK, port=self.port)]
 
     def write(self, path: str, record: Record, tick: Tick | None) -> None:
-        """Take one record; DataError if the file takes no more."""
+        """Take one record; ValueError if it has no form in Rerun, DataError if the file takes no more."""
+        from rerun.error_utils import catch_and_log_exceptions
+
         self.flush()
         if tick is not None:
             self._at(tick)
             self._lay_out()
+        try:
+            with catch_and_log_exceptions(strict=True):  # else it warns, and writes half of the record
+                self._take(path, record, tick)
+        except RuntimeError as error:
+            self.flush()  # was it the file?
+            raise ValueError(str(error)) from error
+
+    def _take(self, path: str, record: Record, tick: Tick | None) -> None:
         match record:
             case Progress():
                 return
@@ -122,6 +132,8 @@ class RerunSink:
         """Remember how fine the map is, for what is drawn."""
         from omnilab_rerun.drawing import LONE_M, spacing_m
 
+        if not len(places.position_m):
+            return
         # markers as large as the spacing of a coarse map would hide it, those of a very fine one would be too small
         extent = float(np.ptp(places.position_m, axis=0).max()) or 25 * LONE_M
         self._spacing_m = float(np.clip(spacing_m(places.position_m), extent / 150, extent / 25))
