@@ -244,7 +244,7 @@ def test_a_sweep_of_many_jobs_has_the_threads_and_files_of_one(tmp_path, monkeyp
     if ends == "without its sinks":
         call += ["+sink@sinks.full=full", "sinks.full.room=0"]
     subprocess.run(
-        [Path(sys.executable).with_name("omnilab"), *call], cwd=tmp_path, capture_output=True, timeout=600, check=False
+        [Path(sys.executable).with_name("omnilab"), *call], cwd=tmp_path, capture_output=True, timeout=1800, check=False
     )
     counts = [tuple(map(int, line.split())) for line in (tmp_path / "counts.txt").read_text().splitlines()]
     assert len(counts) == 30
