@@ -238,8 +238,8 @@ def repeat(argv: list[str]) -> int:
         action="store_true",
         help="open files and folders that the run names though they are not those it read",
     )
-    parser.add_argument("limits", nargs="?", choices=[LIMITS_OFF], help="try what the machine may be too small for")
-    options = parser.parse_args(argv)
+    parser.epilog = f"{LIMITS_OFF}, as for an experiment: try what the machine may be too small for"
+    options = parser.parse_args([word for word in argv if word != LIMITS_OFF])
     from omnilab.runner.build import again
     from omnilab.runner.config import Settings, logs_folder
     from omnilab.runner.execute import execute
@@ -260,7 +260,7 @@ def repeat(argv: list[str]) -> int:
         "logs": options.logs,
         "cache": cache,
         "cache_gb": Settings.cache_gb,
-        "limits": options.limits is None,
+        "limits": LIMITS_OFF not in argv,
     }  # never as a file says
     folder = Path(logs_folder(options.logs)) / name / new_folder_name()
     known = None if options.trust else _digests(first)
