@@ -16,7 +16,8 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from importlib.metadata import PackageNotFoundError, entry_points, requires
+from importlib.metadata import Distribution, EntryPoint, PackageNotFoundError, distributions, entry_points, requires
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -37,6 +38,7 @@ from omnilab.runner.terminal import print_error
 DICTS = {kind.plural: kind.name for kind in KINDS.values() if kind.many}  # settings of a run that hold any number
 MANY = {kind.name: kind.plural for kind in KINDS.values() if not kind.slot}  # `disturbance=blur` goes to the dict
 HOOKS = {kind.name: kind.hook for kind in KINDS.values()}
+DAMAGED = (ValueError, TypeError, KeyError, AttributeError, OSError)  # what reading the metadata of one raises
 
 
 @dataclass(frozen=True)
@@ -196,11 +198,10 @@ def _without(plugin: Plugin, chosen: Sequence[str]) -> str:
 
 def _plugins(chosen: Sequence[str]) -> Iterator[Plugin]:
     """Installed plugins, those of omnilab[all] first so that no other can take their names; then single files."""
-    own, points = _own_distributions(), list(entry_points(group="omnilab"))
+    own, (points, found) = _own_distributions(), _entry_points()
     count = Counter(point.name for point in points)
-    found = []
     for point in points:
-        name, version = (point.dist.name, point.dist.version) if point.dist else ("?", "")
+        name, version = _named(point.dist)
         found.append(Plugin(point.name, name, version, point.load, point.name if count[point.name] == 1 else name))
     found.sort(key=lambda p: (p.distribution not in own, p.distribution, p.name))
     files = {os.path.realpath(file): (file, word) for word in chosen if (file := file_of(word))}  # each once
@@ -217,6 +218,39 @@ def _plugins(chosen: Sequence[str]) -> Iterator[Plugin]:
         names = {plugin.name, plugin.distribution}
         if not names & left_out and ("none" not in chosen or names & set(chosen)):
             yield plugin
+
+
+def _entry_points() -> tuple[list[EntryPoint], list[Plugin]]:
+    """Those of installed plugins; and as plugins that fail, the distributions that do not let themselves be read."""
+    try:
+        return list(entry_points(group="omnilab")), []
+    except DAMAGED:  # one is damaged, and must not hide the others
+        found: list[EntryPoint] = []
+        failing: list[Plugin] = []
+        seen: set[str] = set()
+        for distribution in distributions():
+            name, _ = _named(distribution)
+            if name in seen:  # what is installed as its source is there twice
+                continue
+            seen |= {name} - {"?"}
+            try:
+                found += distribution.entry_points.select(group="omnilab")
+            except DAMAGED as error:
+                folder = Path(str(getattr(distribution, "_path", "?"))).name
+                failing.append(Plugin(folder, name, "", partial(_fail, error), folder))
+        return found, failing
+
+
+def _fail(error: Exception) -> ModuleType:
+    raise PluginError(f"what it says of itself cannot be read ({type(error).__name__}); install it anew") from error
+
+
+def _named(distribution: Distribution | None) -> tuple[str, str]:
+    """Name and version, "?" and "" where a distribution does not say."""
+    try:
+        return (distribution.name or "?", distribution.version or "") if distribution else ("?", "")
+    except DAMAGED:  # its metadata is no text
+        return "?", ""
 
 
 def _own_distributions() -> set[str]:

@@ -317,3 +317,29 @@ def test_two_plugins_with_one_command_are_told_apart(tmp_path) -> None:
     registry = discover(f"{tmp_path / 'one.py'},{tmp_path / 'two.py'}")
     assert "command 'look' is registered already" in registry.failures[0].sentence
     assert "look" in registry.commands
+
+
+@pytest.mark.parametrize(
+    ("points", "metadata", "expected"),
+    [
+        (b"[omnilab]\nmine = nothing.there\n", b"Name: mine\n", "plugin 'mine' (mine) not loaded: ModuleNotFoundError"),
+        (b"[omnilab]\nmine = nothing.there\n", b"\n", "plugin 'mine' (?) not loaded: ModuleNotFoundError"),
+        (b"[omnilab]\nmine = nothing.there\n", b"Name: \xff\n", "plugin 'mine' (?) not loaded: ModuleNotFoundError"),
+        (
+            b"[omnilab]\nmine = \xff\n",
+            b"Name: mine\n",
+            "plugin 'mine-1.dist-info' (mine) not loaded: what it says of itself",
+        ),
+        (b"[omnilab]\nmine\n", b"Name: mine\n", "plugin 'mine-1.dist-info' (mine) not loaded: what it says of itself"),
+    ],
+)
+def test_a_distribution_with_damaged_metadata_hides_no_other(tmp_path, monkeypatch, points, metadata, expected):
+    folder = tmp_path / "mine-1.dist-info"
+    folder.mkdir()
+    (folder / "entry_points.txt").write_bytes(points)
+    (folder / "METADATA").write_bytes(metadata)
+    monkeypatch.syspath_prepend(tmp_path)
+    registry = discover("")
+    (failure,) = registry.failures
+    assert failure.sentence.startswith(expected)
+    assert {"radon", "radon_hog"} & set(registry.names("descriptor"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -127,6 +128,10 @@ def covariances(value: Any, name: str, count: int, size: int, definite: bool = F
     C = array(value, name, (count, size, size))
     if not count:
         return
+    with suppress(np.linalg.LinAlgError):  # most are sound, which this is the quickest way to see
+        if np.array_equal(C, C.transpose(0, 2, 1)):
+            np.linalg.cholesky(C)
+            return
     scale = np.maximum(np.abs(C).max(axis=(1, 2)), 1e-300)
     unit = C / scale[:, None, None]
     off = np.abs(unit - unit.transpose(0, 2, 1)).max(axis=(1, 2)) > RIGID
