@@ -103,11 +103,14 @@ class ViewMappingRun:
         before, self._odometry_features = self._odometry_features, features
         if before is None:
             return np.zeros(3), np.eye(3)
-        motion = self._parts.odometry.estimate(before, features, self._rng)
-        if not motion.failed:
-            return motion.vector, motion.covariance
+        why = next((each.reason for each in (features, before) if isinstance(each, Unusable)), "")
+        if not why:
+            motion = self._parts.odometry.estimate(before, features, self._rng)
+            if not motion.failed:
+                return motion.vector, motion.covariance
+            why = motion.failed
         self.failed_steps += 1
-        self._limiter.log(f"image {len(self.truth) - 1}, odometry", [motion.failed])
+        self._limiter.log(f"image {len(self.truth) - 1}, odometry", [why])
         return np.zeros(3), FAILED
 
     def _relative_pose(self, image: int, view: int) -> Motion:

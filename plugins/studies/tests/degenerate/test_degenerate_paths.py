@@ -66,3 +66,29 @@ def test_an_altimeter_that_always_says_0_has_no_spread():
     assert np.isnan(spread_of([heights([0, 0, 0]), heights([0, 0, 0])]))
     assert np.isnan(spread_of([heights([np.nan] * 3)]))
     assert spread_of([heights([0, 1, 2]), heights([0, 1, 2])]) == 0
+
+
+def test_an_image_in_which_odometry_makes_out_nothing_is_a_failed_step():
+    from omnilab.api import Motion, Parts, Unusable
+    from omnilab.runner.recorder import Recorder
+    from omnilab_studies.view_slam.mapping_run import FAILED, ViewMappingRun
+
+    class Blinking:
+        """Sees, sees nothing, sees, sees."""
+
+        def __init__(self):
+            self.seen = iter(["a", Unusable("the image is black"), "b", "c"])
+
+        def extract(self, _):
+            return [next(self.seen)]
+
+        def estimate(self, before, now, _):
+            assert (before, now) == ("b", "c")
+            return Motion(np.ones(3), np.eye(3), "m")
+
+    record = Recorder()
+    run = ViewMappingRun(Parts(odometry=Blinking()), {}, None, None, 0, record, set(), None)
+    covariances = [run._motion(None)[1] for _ in range(4)]
+    assert [np.array_equal(covariance, FAILED) for covariance in covariances] == [False, True, True, False]
+    assert run.failed_steps == 2
+    assert all("the image is black" in warning for warning in record.warnings)
