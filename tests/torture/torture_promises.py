@@ -239,7 +239,7 @@ def wrong_metrics(folder: Path, complete: set[bytes]) -> Iterator[str]:
 
 
 # ----------------------------------------------------------------------------------------------------------- output
-def sentences(ended: Ended, most: int = 12) -> Iterator[str]:
+def sentences(ended: Ended, most: int = 30) -> Iterator[str]:
     """What a user is told: no traceback, not page after page."""
     told = [line for line in ended.stderr.splitlines() if line.startswith("omnilab: ")]
     if "Traceback" in ended.stderr or "Exception ignored" in ended.stderr or "panicked" in ended.stderr:
