@@ -90,7 +90,7 @@ def _check_whole(path: Path) -> None:
                 assert archive.testzip() is None
         case ".npy":
             np.load(path)
-        case ".rrd" | ".mcap" | ".lock":  # logs are mended; a lock that says nothing is held, or not
+        case ".rrd" | ".mcap" | ".damaged" | ".lock":  # logs are mended; a lock is held or not, whatever it says
             return
         case _:
             path.read_text()
