@@ -189,9 +189,14 @@ def out_of_memory(error: Exception) -> ConfigError:
 
 def size(bytes_: float) -> str:
     """Bytes in words, as 22.9 GB."""
-    return f"{bytes_ / 1e9:.3g} GB" if bytes_ >= 1e8 else f"{bytes_ / 1e6:.3g} MB"
+    return f"{_digits(bytes_ / 1e9)} GB" if bytes_ >= 1e8 else f"{_digits(bytes_ / 1e6)} MB"
 
 
 def hours(seconds: float) -> str:
     """Seconds in words, as 36 hours."""
-    return f"{seconds / 3600:.3g} hours"
+    return f"{_digits(seconds / 3600)} hours"
+
+
+def _digits(value: float) -> str:
+    """Three digits, and no power of ten: 0.12, 1.2, 1200."""
+    return f"{float(f'{value:.3g}'):.15g}" if value < 1e15 else f"{value:.3g}"

@@ -87,7 +87,9 @@ def test_every_step_of_a_journey_is_a_function_of_its_file():
 def test_every_promise_is_held_by_a_test_that_exists():
     promises = 0
     for document in ("docs/reliability.md", "SECURITY.md"):
-        for path, name in re.findall(r"`((?:tests|plugins)/[\w/]+\.py)(?::(\w+))?`", (ROOT / document).read_text("utf-8")):
+        for path, name in re.findall(
+            r"`((?:tests|plugins)/[\w/]+\.py)(?::(\w+))?`", (ROOT / document).read_text("utf-8")
+        ):
             source = (ROOT / path).read_text(encoding="utf-8")
             assert not name or re.search(rf"^def {name}\(", source, re.MULTILINE), f"{document}: {path} has no {name}"
             promises += 1

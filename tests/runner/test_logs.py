@@ -17,6 +17,7 @@ from mcap.reader import make_reader
 from rerun.chunk import RrdReader
 
 from omnilab.runner.run_folder import LoadedRun, load_run
+from omnilab_rerun.sink import RerunSink
 
 WORLD = Path(__file__).parents[1] / "box_world.yaml"
 SMALL = [
@@ -105,13 +106,17 @@ def test_a_path_that_cannot_be_written_costs_one_sink(omnilab_here, tmp_path, na
 
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a disk that is always full")
-def test_rerun_on_a_full_disk(omnilab_in, tmp_path):
-    folder = tmp_path / "given"
-    folder.mkdir()
-    (folder / "run.rrd").symlink_to("/dev/full")
-    result = omnilab_in(tmp_path, *SMALL, f"hydra.run.dir={folder}")
+def test_rerun_on_a_full_disk(omnilab_here, tmp_path, monkeypatch):
+    opened = RerunSink.open
+
+    def on_a_full_disk(self, folder):
+        (folder / "run.rrd").symlink_to("/dev/full")
+        opened(self, folder)
+
+    monkeypatch.setattr(RerunSink, "open", on_a_full_disk)
+    result = omnilab_here(*SMALL)
     assert result.rc == 0, result.stderr
-    run = load_run(folder)
+    run = load_run(tmp_path / "logs/latest")
     check_dropped(run, result.stderr, "rerun", RERUN_FULL)
     check_mcap(run)
 

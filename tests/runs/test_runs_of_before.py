@@ -36,7 +36,9 @@ WRONG_BEFORE = {  # what degenerate data had won: SURF finds nothing in pictures
         "average_precision": 0.0,
     },
 }
-LAST_BITS = 1e-6  # relative: another processor sums in another order
+LAST_BITS = (
+    2e-3  # relative: another processor sums float32 in another order, which gist and PCA carry on (1.6e-4 were seen)
+)
 
 
 @pytest.fixture
@@ -125,7 +127,7 @@ def test_a_run_is_repeated(name, here, omnilab_here):
     assert {name: second.units[name] for name in first.units} == first.units
     common = {name: second.metrics[name] for name in first.metrics}
     expected = first.metrics | WRONG_BEFORE.get(name, {})
-    assert common == pytest.approx(expected, rel=LAST_BITS, nan_ok=True)
+    assert common == pytest.approx(expected, rel=LAST_BITS, abs=1e-6, nan_ok=True)
     assert (done.rc == 0) == (repr(common) == repr(first.metrics))
     assert (here / "logs/latest/config.yaml").is_file()
 
