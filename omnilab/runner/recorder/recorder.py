@@ -64,7 +64,7 @@ class Recorder:
         """Hand one record to every sink. Without a tick it holds for the whole run."""
         if isinstance(record, Text) and record.level == "WARN" and record.text not in self.warnings:
             self.warnings[record.text] = None
-            log.info("warning: %s", record.text)
+            log.info("warning: %s", visible(record.text))
         if not self._outputs:
             return
         if isinstance(record, Image) and not record.encoded:

@@ -207,7 +207,7 @@ def test_a_map_without_places_or_positions_is_refused(localizer):
 
 
 def test_settings_that_make_no_sense_are_refused():
-    with pytest.raises(ConfigError, match="neighbours=1 is out of range; give a whole number of 2 or more"):
+    with pytest.raises(ConfigError, match="neighbours=1 is out of range; give a whole number from 2 to 10000"):
         Interpolated(1)
     with pytest.raises(ConfigError, match="clusters=0 is out of range; give a whole number of 1 or more, or null"):
         Hierarchical(clusters=0)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from omnilab.errors import ConfigError, DataError
+from omnilab.errors import ConfigError, DataError, OmnilabError
 from omnilab_mirror.render.prepared_world import baked_pictures
 from omnilab_mirror.scene.load import load_world, shipped
 from omnilab_mirror.scene.objects import OBJECTS
@@ -80,7 +80,7 @@ def test_a_mistake_is_reported_with_line_and_key(write, small, old, new, message
     ],
 )
 def test_what_is_no_world_file(write, data, message):
-    with pytest.raises(DataError, match=message):
+    with pytest.raises(OmnilabError, match=message):
         load_world(write(data))
 
 

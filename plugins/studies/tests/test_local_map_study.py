@@ -173,7 +173,7 @@ def test_places_on_one_line_are_in_the_table(parts, plain):
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"neighbours": [9, 2]}, "holds 2, which is out of range; give 1 or more whole numbers of 3 or more"),
+        ({"neighbours": [9, 2]}, "holds 2, which is out of range; give 1 or more whole numbers from 3 to 10000"),
         ({"neighbours": []}, "holds 0 numbers"),
         ({"steps_m": [0.2, 0]}, "holds 0, which is out of range"),
         ({"query_count": 0}, "study.query_count=0"),

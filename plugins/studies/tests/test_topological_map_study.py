@@ -183,7 +183,7 @@ def test_a_line_of_images_is_refused(parts, plain):
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"nodes": [22]}, "holds 1 number; give 2 whole numbers of 2 or more"),
+        ({"nodes": [22]}, "holds 1 number; give 2 whole numbers from 2 to 10000"),
         ({"nodes": [22, 1]}, "holds 1, which is out of range"),
         ({"links": [-1]}, "holds -1, which is out of range"),
         ({"links": []}, "holds 0 numbers"),

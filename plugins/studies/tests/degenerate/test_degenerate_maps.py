@@ -221,7 +221,7 @@ def test_a_map_of_equal_pictures_is_told_when_it_is_made():
 def test_studies_that_compare_images_tell_of_equal_ones():
     sensor, record = Album([7, 8, 7, 9]), Recorder()
     methods = [Method("level", "level", Level(), Apart(), "apart")]
-    describe_images(methods, sensor.frames(sensor.plan(GridPoses(1.0))), "images", record)
+    describe_images(methods, sensor.frames(sensor.plan(GridPoses(1.0))), 4, "images", record)
     (warning,) = record.warnings
     assert warning.startswith(
         "level: 1 of 4 images have the signature of one before, as copies of a picture or black ones"
