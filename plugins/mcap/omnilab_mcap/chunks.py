@@ -75,18 +75,23 @@ def opened(raw: bytes, name: str) -> tuple[list[McapRecord], Index]:
 
 def parsed(kind: type[McapRecord], raw: bytes) -> McapRecord:
     """A record other than a chunk or a message; Unreadable if it is not what would be written of what it holds."""
-    builder = RecordBuilder()
     try:
         record = kind.read(ReadDataStream(BytesIO(raw[HEAD.size :])))
-        record.write(builder)
+        content = written(record)
     except (McapError, struct.error, ValueError, OverflowError) as error:
         raise Unreadable(f"a broken {kind.__name__}", messages=False) from error
-    written = builder.end()
     if kind is Attachment and raw[-4:] == bytes(4):  # its writer computed no checksum
-        written = written[:-4] + bytes(4)
-    if raw[HEAD.size : len(written)] != written[HEAD.size :]:  # longer ones may come with later versions of the format
+        content = content[:-4] + bytes(4)
+    if raw[HEAD.size : len(content)] != content[HEAD.size :]:  # longer ones may come with later versions of the format
         raise Unreadable(f"a broken {kind.__name__}", messages=False)
     return record
+
+
+def written(record: McapRecord) -> bytes:
+    """The bytes of a record, head included."""
+    builder = RecordBuilder()
+    record.write(builder)
+    return bytes(builder.end())
 
 
 def message(raw: bytes) -> Message:

@@ -17,7 +17,18 @@ from mcap.records import Attachment, Channel, DataEnd, Header, McapRecord, Messa
 from mcap.writer import MCAP0_MAGIC
 
 from omnilab.errors import DataError
-from omnilab_mcap.chunks import HEAD, LARGEST_BYTES, Index, Unreadable, is_chunk, message, opened, parsed, times
+from omnilab_mcap.chunks import (
+    HEAD,
+    LARGEST_BYTES,
+    Index,
+    Unreadable,
+    is_chunk,
+    message,
+    opened,
+    parsed,
+    times,
+    written,
+)
 from omnilab_mcap.summary import read_summary
 
 MOST_READS = 8  # of each byte: damage makes some be read again, and a hostile log would make all be
@@ -158,10 +169,23 @@ class DamagedLog:
             records, self._index = opened(raw, self._file.name)
             return records
         if opcode == Opcode.MESSAGE:
+            if self._is_index(raw):  # one flipped bit of its opcode makes it a message
+                raise Unreadable("the index of a chunk", messages=False)
             return [message(raw)]
         if opcode not in IN_DATA or (opcode == Opcode.HEADER) != (at == len(MCAP0_MAGIC)):
             raise Unreadable("a record that does not belong there")
-        return [parsed(IN_DATA[Opcode(opcode)], raw)]
+        record = parsed(IN_DATA[Opcode(opcode)], raw)
+        if len(raw) > len(written(record)) and not self._follows(at + len(raw)):
+            raise Unreadable("a record of another length than its content has", messages=False)
+        return [record]
+
+    def _is_index(self, raw: bytes) -> bool:
+        """Whether these bytes are a message index of the last chunk, whatever their opcode says."""
+        try:
+            found = parsed(MessageIndex, raw)
+        except Unreadable:
+            return False
+        return isinstance(found, MessageIndex) and bool(found.records) and agrees(found, self._index)
 
     def _after(self, at: int) -> int:
         """Where reading goes on after a record that cannot be read: behind it, or at the next that can be one."""

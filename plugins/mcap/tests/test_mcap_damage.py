@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import pathlib
 import random
 import struct
 import subprocess
@@ -265,7 +266,7 @@ def test_messages_of_a_channel_that_is_lost_are_kept_without_its_name(tmp_path, 
 
 
 BOMB = """
-import resource, sys
+import re, sys
 from pathlib import Path
 from omnilab_mcap import McapSink
 from omnilab.errors import DataError
@@ -273,12 +274,14 @@ try:
     print(McapSink().repair(Path(sys.argv[1])))
 except DataError as error:
     print(error)
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+print(re.search("VmHWM:[^0-9]*([0-9]*) kB", Path("/proc/self/status").read_text())[1])
 """
 
 
 def in_a_process(folder):
     """What `repair` says, and the memory it took, bytes."""
+    if not pathlib.Path("/proc/self/status").exists():
+        pytest.skip("needs /proc: what getrusage tells includes the memory of the process that started it")
     done = subprocess.run(
         [sys.executable, "-c", BOMB, folder], capture_output=True, text=True, check=True, timeout=3000
     )
