@@ -14,6 +14,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, McapRecord, Message, Schema
 
+from omnilab import log_files
 from omnilab.errors import DataError
 
 HEAD = struct.Struct("<BQ")  # opcode and length of every record
@@ -25,12 +26,12 @@ PACKED_STARTS = {b"\x28\xb5\x2f\xfd", b"\x04\x22\x4d\x18"}  # of data packed by 
 Index = dict[int, list[tuple[int, int]]]  # by channel, log time and offset of each message of a chunk
 
 
-class Unreadable(Exception):
-    """A record is not whole. `torn`: the file ends within it; `messages`: it may have held some."""
+class Unreadable(log_files.Unreadable):
+    """A record is not whole, and `messages`: it may have held some."""
 
     def __init__(self, what: str, torn: bool = False, messages: bool = True) -> None:
-        super().__init__(what)
-        self.torn, self.messages = torn, messages
+        super().__init__(what, torn)
+        self.messages = messages
 
 
 def is_chunk(start: bytes, length: int) -> bool:

@@ -17,6 +17,7 @@ from mcap.records import Attachment, Channel, DataEnd, Header, McapRecord, Messa
 from mcap.writer import MCAP0_MAGIC
 
 from omnilab.errors import DataError
+from omnilab.log_files import PLACE_BYTES, DamagedFile
 from omnilab_mcap.chunks import (
     HEAD,
     LARGEST_BYTES,
@@ -31,9 +32,6 @@ from omnilab_mcap.chunks import (
 )
 from omnilab_mcap.summary import read_summary
 
-MOST_READS = 8  # of each byte: damage makes some be read again, and a hostile log would make all be
-PLACE_BYTES = 4096  # of reading that a damage counts for, and a place that looks like a record
-BLOCK_BYTES = 1 << 20
 IN_DATA = {
     Opcode.HEADER: Header,
     Opcode.SCHEMA: Schema,
@@ -60,7 +58,7 @@ class Damage:
     messages: bool = False  # there may have been some
 
 
-class DamagedLog:
+class DamagedLog(DamagedFile):
     """A log's records in the order of the file, chunks taken apart, and the damages between them.
 
     The memory needed is that of a few records. DataError for a record larger than LARGEST_BYTES, and for a log of which
@@ -68,7 +66,7 @@ class DamagedLog:
     """
 
     def __init__(self, file: BinaryIO, size: int) -> None:
-        self._file, self._size, self._left = file, size, MOST_READS * size + 64 * BLOCK_BYTES
+        super().__init__(file, size, file.name, STARTS)
         self.summary = read_summary(file, size)
         self._channels = set(self.summary.channels) if self.summary else set[int]()
         self._chunked = bool(self.summary and self.summary.chunks)
@@ -113,14 +111,6 @@ class DamagedLog:
                 yield record
         if sound:  # a damage goes to the end
             yield Damage(at, at, "its end", torn=True)
-
-    def _read(self, at: int, length: int) -> bytes:
-        if self._left < 0:
-            raise DataError(f"{self._file.name} is damaged in too many places to be mended; it is as it was")
-        self._file.seek(at)
-        data = self._file.read(length)
-        self._left -= len(data)
-        return data
 
     def _extent(self, at: int) -> tuple[int, int]:
         """Opcode and end of the record here, as far as its head can be believed."""
@@ -187,22 +177,6 @@ class DamagedLog:
             return False
         return isinstance(found, MessageIndex) and bool(found.records) and agrees(found, self._index)
 
-    def _after(self, at: int) -> int:
-        """Where reading goes on after a record that cannot be read: behind it, or at the next that can be one."""
-        end = self._last_byte(at) + 1
-        # what looks like records within it is not proven by anything
-        return end if end > at + 1 and self._follows(end) else self._next(at + 1)
-
-    def _next(self, at: int) -> int:
-        """The first record from here on, or the end of the file."""
-        while at < self._size:
-            block = self._read(at, BLOCK_BYTES + HEAD.size)
-            for match in STARTS.finditer(block):
-                if self._begins(at + match.start()):
-                    return at + match.start()
-            at += BLOCK_BYTES
-        return self._size
-
     def _begins(self, at: int) -> bool:
         """Whether a whole record starts here, with next to no doubt."""
         self._left -= PLACE_BYTES
@@ -218,17 +192,6 @@ class DamagedLog:
         except (Unreadable, ValueError):
             return False
         return not isinstance(record, Message) or record.channel_id in self._channels
-
-    def _last_byte(self, at: int) -> int:
-        """Where the last byte of the record here lies, or its first if it does not tell its length."""
-        try:
-            return self._extent(at)[1] - 1
-        except Unreadable:
-            return at
-
-    def _is_zero(self, at: int) -> bool:
-        """Whether the rest of the file is."""
-        return all(not self._read(start, BLOCK_BYTES).strip(b"\0") for start in range(at, self._size, BLOCK_BYTES))
 
     def _ends_early(self, at: int) -> bool:
         """Whether the summary that starts here is whole as far as it goes, or zeros."""

@@ -20,6 +20,7 @@ from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC, CompressionType, IndexType, Writer
 
 from omnilab.errors import DataError
+from omnilab.testing.damage import KINDS, damaged
 from omnilab_mcap import McapSink
 from omnilab_mcap.chunks import LARGEST_BYTES
 
@@ -94,31 +95,6 @@ def mend(folder, data):
     return sentence, read_back(log)
 
 
-def damaged(data, kind, rng):
-    """The log with a damage of some kind, and the stretch of it that is not what it was."""
-    size = len(data)
-    start = rng.randrange(size)
-    end = min(size, start + rng.choice([1, 9, 512, 4096]))
-    match kind:
-        case "flipped":
-            return data[:start] + bytes([data[start] ^ 1 << rng.randrange(8)]) + data[start + 1 :], (start, start + 1)
-        case "zeroed":
-            return data[:start] + bytes(end - start) + data[end:], (start, end)
-        case "overwritten":
-            return data[:start] + rng.randbytes(end - start) + data[end:], (start, end)
-        case "removed":
-            return data[:start] + data[end:], (start, end)
-        case "inserted":
-            return data[:start] + rng.randbytes(end - start) + data[start:], (start, start + 1)
-        case "zeroed tail":
-            return data[:start] + bytes(size - start), (start, size)
-        case "cut":
-            return data[:start], (start, size)
-    assert kind == "lengthened"
-    return data + rng.randbytes(rng.randrange(1, 5000)), (size, size)
-
-
-KINDS = ["flipped", "zeroed", "overwritten", "removed", "inserted", "zeroed tail", "cut", "lengthened"]
 LOGS = {
     "zstd": {},
     "lz4, all checksums": {"compression": CompressionType.LZ4, "enable_data_crcs": True},

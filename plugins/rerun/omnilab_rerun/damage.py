@@ -16,7 +16,7 @@ from typing import BinaryIO
 
 import pyarrow as pa
 
-from omnilab.errors import DataError
+from omnilab.log_files import PLACE_BYTES, DamagedFile, Unreadable
 from omnilab_rerun.protobuf import Field, fields
 
 HEADER = (
@@ -28,9 +28,6 @@ FOOTER = struct.Struct("<QQI8sI")  # start, length and checksum of the table of 
 END, STORE, ARROW, BLUEPRINT = range(4)  # kinds of messages
 TUID = struct.Struct("<xQxQ")  # a number of a chunk: when it was made, ns, and a count, each a field of its own
 LARGEST_BYTES = 1 << 30  # of a message, packed or not: what is held in memory
-MOST_READS = 8  # of each byte: damage makes some be read again, and a hostile recording would make all be
-PLACE_BYTES = 4096  # of reading that a damage counts for, and a place that looks like a message
-BLOCK_BYTES = 1 << 20
 STARTS = re.compile(rb"[\x01-\x03]\0{7}.{4}\0{4}\n", re.DOTALL)  # of messages: each begins with its field 1
 UNSOUND = (pa.ArrowException, ValueError, KeyError, TypeError, OSError, OverflowError, struct.error)
 
@@ -55,23 +52,15 @@ class Gap:
     torn: bool = False
 
 
-class _Unreadable(Exception):
-    """Bytes are no whole message. `torn`: the file ends within it."""
-
-    def __init__(self, torn: bool = False) -> None:
-        super().__init__()
-        self.torn = torn
-
-
-class DamagedRecording:
+class DamagedRecording(DamagedFile):
     """A recording's whole messages and the gaps between them; the memory needed is that of one message.
 
     DataError if every byte would have to be read MOST_READS times.
     """
 
     def __init__(self, path: Path, file: BinaryIO, size: int) -> None:
+        super().__init__(file, size, path, STARTS)
         self.path = path
-        self._file, self._size, self._left = file, size, MOST_READS * size + 64 * BLOCK_BYTES
         start = self._read(0, len(HEADER))
         older = HEADER[:4] + start[VERSION] + HEADER[8:]  # which the program reads too
         self.header = start if start == older and start[VERSION] <= HEADER[VERSION] else HEADER
@@ -105,51 +94,35 @@ class DamagedRecording:
                 store, log_ns = sound(kind, self._read(at, end - at)[HEAD.size :])
                 yield Message(at, end, kind, store, log_ns)
                 at = end
-            except _Unreadable as error:
+            except Unreadable as error:
                 self._left -= PLACE_BYTES
-                last = self._last_byte(at)
-                after = last + 1 if last > at and self._follows(last + 1) else self._next(at + 1)
-                yield Gap(at, after, torn=after == self._size and (error.torn or self._is_zero(last)))
+                after = self._after(at)
+                yield Gap(at, after, torn=after == self._size and (error.torn or self._is_zero(self._last_byte(at))))
                 at = after
         yield Gap(at, at, torn=True)
-
-    def _read(self, at: int, length: int) -> bytes:
-        if self._left < 0:
-            raise DataError(f"{self.path} is damaged in too many places to be mended; it is as it was")
-        self._file.seek(at)
-        data = self._file.read(length)
-        self._left -= len(data)
-        return data
 
     def _extent(self, at: int) -> tuple[int, int]:
         """Kind and end of the message here, as far as its head can be believed."""
         head = self._read(at, HEAD.size)
         if len(head) < HEAD.size:
-            raise _Unreadable(torn=True)
+            raise Unreadable(torn=True)
         kind, length = HEAD.unpack(head)
         end: int = at + HEAD.size + length
         if kind > BLUEPRINT or length > LARGEST_BYTES:
-            raise _Unreadable
+            raise Unreadable
         if end > self._size:
-            raise _Unreadable(torn=True)
+            raise Unreadable(torn=True)
         return kind, end
 
     def _is_end(self, at: int, end: int) -> bool:
         """Whether the table of contents here, and nothing else, is followed by the footer."""
         footer = self._read(end, FOOTER.size + 1)
         if len(footer) < FOOTER.size and self._size - end < FOOTER.size:
-            raise _Unreadable(torn=True)
+            raise Unreadable(torn=True)
         if len(footer) != FOOTER.size:
             return False
         start, length, _, name, tables = FOOTER.unpack(footer)
         return bool(start == at + HEAD.size and start + length == end and name == b"RRF2FOOT" and tables == 1)
-
-    def _last_byte(self, at: int) -> int:
-        """Where the last byte of the message here lies, or its first if it does not tell its length."""
-        try:
-            return self._extent(at)[1] - 1
-        except _Unreadable:
-            return at
 
     def _follows(self, at: int, heads: int = 2) -> bool:
         """Whether so many messages can start here, one after the other, or the file ends."""
@@ -157,36 +130,22 @@ class DamagedRecording:
             return True
         try:
             kind, end = self._extent(at)
-        except _Unreadable:
+        except Unreadable:
             return False
         return end + FOOTER.size == self._size if kind == END else self._follows(end, heads - 1)
-
-    def _next(self, at: int) -> int:
-        """The first whole message from here on, or the end of the file."""
-        while at < self._size:
-            block = self._read(at, BLOCK_BYTES + HEAD.size)
-            for match in STARTS.finditer(block):
-                if self._begins(at + match.start()):
-                    return at + match.start()
-            at += BLOCK_BYTES
-        return self._size
 
     def _begins(self, at: int) -> bool:
         self._left -= PLACE_BYTES
         try:
             kind, end = self._extent(at)
             sound(kind, self._read(at, end - at)[HEAD.size :])
-        except _Unreadable:
+        except Unreadable:
             return False
         return True
 
-    def _is_zero(self, at: int) -> bool:
-        """Whether the rest of the file is."""
-        return all(not self._read(start, BLOCK_BYTES).strip(b"\0") for start in range(at, self._size, BLOCK_BYTES))
-
 
 def sound(kind: int, content: bytes) -> tuple[bytes, int | None]:
-    """The store that a message is of, and when the first row in it was logged; _Unreadable if it is not whole."""
+    """The store that a message is of, and when the first row in it was logged; Unreadable if it is not whole."""
     try:
         found = fields(content)
         if kind == ARROW:
@@ -196,7 +155,7 @@ def sound(kind: int, content: bytes) -> tuple[bytes, int | None]:
             return store_id(fields(found[2])[2]), None
         return store_id(found[1]), None
     except UNSOUND as error:
-        raise _Unreadable from error
+        raise Unreadable from error
 
 
 def store_id(field: Field) -> bytes:

@@ -17,6 +17,7 @@ from rerun.chunk import RrdReader
 
 from omnilab.api import Panel, Series, Signature, Text, Tick, ViewLayout
 from omnilab.errors import DataError
+from omnilab.testing.damage import KINDS, damaged
 from omnilab_rerun import RerunSink, damage
 from omnilab_rerun.binary import _rrd
 from omnilab_rerun.protobuf import fields
@@ -97,33 +98,6 @@ def mend(folder, data):
     assert _rrd("verify", recording).returncode == 0
     RrdReader(recording).store().schema()  # needs the footer
     return sentence, ids(recording)
-
-
-def damaged(data, kind, rng):
-    """The recording with a damage of some kind, and the stretch of it that is not what it was."""
-    size = len(data)
-    start = rng.randrange(size)
-    end = min(size, start + rng.choice([1, 9, 512, 4096]))
-    match kind:
-        case "flipped":
-            return data[:start] + bytes([data[start] ^ 1 << rng.randrange(8)]) + data[start + 1 :], (start, start + 1)
-        case "zeroed":
-            return data[:start] + bytes(end - start) + data[end:], (start, end)
-        case "overwritten":
-            return data[:start] + rng.randbytes(end - start) + data[end:], (start, end)
-        case "removed":
-            return data[:start] + data[end:], (start, end)
-        case "inserted":
-            return data[:start] + rng.randbytes(end - start) + data[start:], (start, start + 1)
-        case "zeroed tail":
-            return data[:start] + bytes(size - start), (start, size)
-        case "cut":
-            return data[:start], (start, size)
-    assert kind == "lengthened"
-    return data + rng.randbytes(rng.randrange(1, 5000)), (size, size)
-
-
-KINDS = ["flipped", "zeroed", "overwritten", "removed", "inserted", "zeroed tail", "cut", "lengthened"]
 
 
 def check_damages(folder, log, rows, kind, seeds):
