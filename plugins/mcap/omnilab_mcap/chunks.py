@@ -26,7 +26,7 @@ PACKED_STARTS = {b"\x28\xb5\x2f\xfd", b"\x04\x22\x4d\x18"}  # of data packed by 
 Index = dict[int, list[tuple[int, int]]]  # by channel, log time and offset of each message of a chunk
 
 
-class Unreadable(log_files.Unreadable):
+class UnreadableRecord(log_files.Unreadable):
     """A record is not whole, and `messages`: it may have held some."""
 
     def __init__(self, what: str, torn: bool = False, messages: bool = True) -> None:
@@ -38,7 +38,7 @@ def is_chunk(start: bytes, length: int) -> bool:
     """Whether the first bytes of a record are those of a chunk of `length` bytes, head included."""
     try:
         _, _, codec, data = _parts(start, length)
-    except Unreadable:
+    except UnreadableRecord:
         return False
     return codec in CODECS and data < length
 
@@ -52,7 +52,7 @@ def times(raw: bytes) -> tuple[int, int]:
 def opened(raw: bytes, name: str) -> tuple[list[McapRecord], Index]:
     """A chunk's records, and what the message indexes behind it should hold.
 
-    Unreadable if it is not whole, DataError if it would not fit into memory or is packed in a way unknown here.
+    UnreadableRecord if it is not whole, DataError if it would not fit into memory or is packed in a way unknown here.
     """
     size, crc, codec, start = _parts(raw, len(raw))
     data = memoryview(raw)[start:]
@@ -62,7 +62,7 @@ def opened(raw: bytes, name: str) -> tuple[list[McapRecord], Index]:
                 f"{name} has a chunk that is packed by '{codec.decode()}', which is unknown here; it cannot be checked and is"
                 " as it was"
             )
-        raise Unreadable("a chunk whose codec is unknown")
+        raise UnreadableRecord("a chunk whose codec is unknown")
     if size > LARGEST_BYTES and _says_itself(data, codec) == size:
         raise DataError(
             f"{name} has a chunk that unpacks to {size} bytes, and up to {LARGEST_BYTES} are held in memory; it cannot be"
@@ -70,21 +70,21 @@ def opened(raw: bytes, name: str) -> tuple[list[McapRecord], Index]:
         )
     content = _unpacked(data, codec, size)
     if len(content) != size or crc not in {0, zlib.crc32(content)}:
-        raise Unreadable("a chunk that fails its checksum")
+        raise UnreadableRecord("a chunk that fails its checksum")
     return _records(content)
 
 
 def parsed(kind: type[McapRecord], raw: bytes) -> McapRecord:
-    """A record other than a chunk or a message; Unreadable if it is not what would be written of what it holds."""
+    """A record other than a chunk or a message; UnreadableRecord if it is not what would be written of what it holds."""
     try:
         record = kind.read(ReadDataStream(BytesIO(raw[HEAD.size :])))
         content = written(record)
     except (McapError, struct.error, ValueError, OverflowError) as error:
-        raise Unreadable(f"a broken {kind.__name__}", messages=False) from error
+        raise UnreadableRecord(f"a broken {kind.__name__}", messages=False) from error
     if kind is Attachment and raw[-4:] == bytes(4):  # its writer computed no checksum
         content = content[:-4] + bytes(4)
     if raw[HEAD.size : len(content)] != content[HEAD.size :]:  # longer ones may come with later versions of the format
-        raise Unreadable(f"a broken {kind.__name__}", messages=False)
+        raise UnreadableRecord(f"a broken {kind.__name__}", messages=False)
     return record
 
 
@@ -98,22 +98,22 @@ def written(record: McapRecord) -> bytes:
 def message(raw: bytes) -> Message:
     """A message from its bytes, head included."""
     if len(raw) < HEAD.size + MESSAGE_BYTES:
-        raise Unreadable("a broken Message")
+        raise UnreadableRecord("a broken Message")
     return Message.read(ReadDataStream(BytesIO(raw[HEAD.size :])), len(raw) - HEAD.size)
 
 
 def _parts(start: bytes, length: int) -> tuple[int, int, bytes, int]:
     """Size and checksum of a chunk's content, the name of its codec, and where its data start."""
     if len(start) < HEAD.size + CHUNK.size:
-        raise Unreadable("a chunk without content")
+        raise UnreadableRecord("a chunk without content")
     _, _, size, crc, named = CHUNK.unpack_from(start, HEAD.size)
     codec_at = HEAD.size + CHUNK.size
     data_at = codec_at + named + 8
     if len(start) < data_at:
-        raise Unreadable("a chunk whose lengths disagree")
+        raise UnreadableRecord("a chunk whose lengths disagree")
     codec, (data,) = bytes(start[codec_at : codec_at + named]), struct.unpack_from("<Q", start, codec_at + named)
     if data_at + data != length:
-        raise Unreadable("a chunk whose lengths disagree")
+        raise UnreadableRecord("a chunk whose lengths disagree")
     return size, crc, codec, data_at
 
 
@@ -123,7 +123,7 @@ def _says_itself(data: memoryview, codec: bytes) -> int:
         try:
             return int(zstandard.frame_content_size(data))
         except zstandard.ZstdError as error:
-            raise Unreadable("a chunk that fails its checksum") from error
+            raise UnreadableRecord("a chunk that fails its checksum") from error
     return len(data) if codec == b"" else -1
 
 
@@ -132,14 +132,14 @@ def _unpacked(data: memoryview, codec: bytes, size: int) -> bytes | memoryview:
     if codec == b"":
         return data
     if size > LARGEST_BYTES or _says_itself(data, codec) not in {-1, size}:
-        raise Unreadable("a chunk that unpacks to another size than it says")
+        raise UnreadableRecord("a chunk that unpacks to another size than it says")
     try:
         if codec == b"zstd":
             with zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True) as reader:
                 return bytes(reader.read(size + 1))
         return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1))
     except (zstandard.ZstdError, RuntimeError, MemoryError) as error:
-        raise Unreadable("a chunk that fails its checksum") from error
+        raise UnreadableRecord("a chunk that fails its checksum") from error
 
 
 def _records(content: bytes | memoryview) -> tuple[list[McapRecord], Index]:
@@ -148,7 +148,7 @@ def _records(content: bytes | memoryview) -> tuple[list[McapRecord], Index]:
         opcode, length = HEAD.unpack_from(content, at) if at + HEAD.size <= len(content) else (0, 0)
         end = at + HEAD.size + length
         if not opcode or end > len(content):
-            raise Unreadable("a chunk whose content is torn")
+            raise UnreadableRecord("a chunk whose content is torn")
         raw = bytes(content[at:end])
         match opcode:
             case Opcode.SCHEMA:

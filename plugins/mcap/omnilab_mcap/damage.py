@@ -22,7 +22,7 @@ from omnilab_mcap.chunks import (
     HEAD,
     LARGEST_BYTES,
     Index,
-    Unreadable,
+    UnreadableRecord,
     is_chunk,
     message,
     opened,
@@ -83,8 +83,8 @@ class DamagedLog(DamagedFile):
                 opcode, end, raw = self._record(at)
                 records = self._parsed(opcode, raw, at)
                 if opcode == Opcode.MESSAGE_INDEX and sound and not agrees(records[0], self._index):
-                    raise Unreadable("the index of a chunk", messages=False)
-            except Unreadable as error:
+                    raise UnreadableRecord("the index of a chunk", messages=False)
+            except UnreadableRecord as error:
                 self._left -= PLACE_BYTES
                 after = self._after(at)
                 torn = after == self._size and (error.torn or self._is_zero(self._last_byte(at)))
@@ -116,14 +116,14 @@ class DamagedLog(DamagedFile):
         """Opcode and end of the record here, as far as its head can be believed."""
         head = self._read(at, HEAD.size)
         if len(head) < HEAD.size:
-            raise Unreadable("its end", torn=True)
+            raise UnreadableRecord("its end", torn=True)
         opcode, length = HEAD.unpack(head)
         if opcode not in OPCODES:
-            raise Unreadable(f"a record of the unknown kind {opcode}")
+            raise UnreadableRecord(f"a record of the unknown kind {opcode}")
         end = at + HEAD.size + length
         if end > self._size:
             known = opcode not in PRIVATE and length <= LARGEST_BYTES
-            raise Unreadable("a record that goes beyond the end", torn=known)
+            raise UnreadableRecord("a record that goes beyond the end", torn=known)
         return opcode, end
 
     def _follows(self, at: int, heads: int = 2) -> bool:
@@ -132,7 +132,7 @@ class DamagedLog(DamagedFile):
             return True
         try:
             opcode, end = self._extent(at)
-        except Unreadable:
+        except UnreadableRecord:
             return False
         return opcode not in PRIVATE and self._follows(end, heads - 1)
 
@@ -145,14 +145,14 @@ class DamagedLog(DamagedFile):
                     f"{self._file.name} has a record of {end - at} bytes, and up to {LARGEST_BYTES} are held in memory; it"
                     " cannot be checked here and is as it was"
                 )
-            raise Unreadable("a record that is too large")
+            raise UnreadableRecord("a record that is too large")
         return opcode, end, self._read(at, end - at)
 
     def _parsed(self, opcode: int, raw: bytes, at: int) -> list[McapRecord]:
-        """What a record of the data section holds; Unreadable if it is not whole."""
+        """What a record of the data section holds; UnreadableRecord if it is not whole."""
         if opcode in PRIVATE:
             if not self._follows(at + len(raw)):
-                raise Unreadable(f"a record of the unknown kind {opcode}")
+                raise UnreadableRecord(f"a record of the unknown kind {opcode}")
             return []
         if opcode == Opcode.CHUNK:
             self._chunked = True
@@ -160,20 +160,20 @@ class DamagedLog(DamagedFile):
             return records
         if opcode == Opcode.MESSAGE:
             if self._is_index(raw):  # one flipped bit of its opcode makes it a message
-                raise Unreadable("the index of a chunk", messages=False)
+                raise UnreadableRecord("the index of a chunk", messages=False)
             return [message(raw)]
         if opcode not in IN_DATA or (opcode == Opcode.HEADER) != (at == len(MCAP0_MAGIC)):
-            raise Unreadable("a record that does not belong there")
+            raise UnreadableRecord("a record that does not belong there")
         record = parsed(IN_DATA[Opcode(opcode)], raw)
         if len(raw) > len(written(record)) and not self._follows(at + len(raw)):
-            raise Unreadable("a record of another length than its content has", messages=False)
+            raise UnreadableRecord("a record of another length than its content has", messages=False)
         return [record]
 
     def _is_index(self, raw: bytes) -> bool:
         """Whether these bytes are a message index of the last chunk, whatever their opcode says."""
         try:
             found = parsed(MessageIndex, raw)
-        except Unreadable:
+        except UnreadableRecord:
             return False
         return isinstance(found, MessageIndex) and bool(found.records) and agrees(found, self._index)
 
@@ -189,7 +189,7 @@ class DamagedLog(DamagedFile):
             if end - at > LARGEST_BYTES:
                 return False
             (record,) = self._parsed(opcode, self._read(at, end - at), at)
-        except (Unreadable, ValueError):
+        except (UnreadableRecord, ValueError):
             return False
         return not isinstance(record, Message) or record.channel_id in self._channels
 
@@ -199,7 +199,7 @@ class DamagedLog(DamagedFile):
         while at < self._size and opcode != Opcode.FOOTER:
             try:
                 opcode, at = self._extent(at)
-            except Unreadable as error:
+            except UnreadableRecord as error:
                 return error.torn or self._is_zero(at)
         rest = self._read(at, len(MCAP0_MAGIC) + 1)
         return rest != MCAP0_MAGIC and (MCAP0_MAGIC.startswith(rest) or self._is_zero(at))

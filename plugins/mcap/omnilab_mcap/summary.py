@@ -21,7 +21,7 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC
 
-from omnilab_mcap.chunks import HEAD, LARGEST_BYTES, Unreadable, parsed
+from omnilab_mcap.chunks import HEAD, LARGEST_BYTES, UnreadableRecord, parsed
 
 FOOTER_BYTES = HEAD.size + 20
 END_BYTES = FOOTER_BYTES + len(MCAP0_MAGIC)
@@ -71,7 +71,7 @@ def read_summary(file: BinaryIO, size: int) -> LogSummary | None:
         return None
     try:
         return _parsed(data, start)
-    except Unreadable:
+    except UnreadableRecord:
         return None
 
 
@@ -81,7 +81,7 @@ def _parsed(data: bytes, start: int) -> LogSummary:
         opcode, length = HEAD.unpack_from(data, at) if at + HEAD.size <= len(data) else (0, 0)
         end = at + HEAD.size + length
         if opcode not in IN_SUMMARY or end > len(data):
-            raise Unreadable("its index")
+            raise UnreadableRecord("its index")
         match record := parsed(IN_SUMMARY[Opcode(opcode)], data[at:end]):
             case Statistics():
                 summary.statistics = record
