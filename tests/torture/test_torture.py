@@ -21,6 +21,7 @@ from torture_run import table
 
 from omnilab.errors import DataError
 
+HEAD = promises.HEAD
 RUN = Path(__file__).with_name("torture_run.py")
 FEW = {"kill": 1, "full": 1}
 MORE = {
@@ -135,6 +136,19 @@ def test_what_is_torn_or_differs_is_found(tmp_path: Path) -> None:
     assert [sentence.split()[0] for sentence in promises.torn_files(tmp_path)] == ["a.csv", "b.json"]
     assert list(promises.differences({"a": b"1"}, {"a": b"1"})) == []
     assert len(list(promises.differences({"a": b"1", "b": b""}, {"a": b"2"}))) == 2
+
+
+@pytest.mark.parametrize(
+    ("data", "nothing"),
+    [
+        (b"", True), (b"h" * 12, True), (b"h" * 12 + HEAD.pack(1, 4) + b"abcd", True), (b"h" * 12 + HEAD.pack(2, 4) + b"abc", True),
+        (b"h" * 12 + HEAD.pack(1, 4) + b"abcd" + HEAD.pack(2, 4) + b"abcd", False),
+    ],
+)  # fmt: skip
+def test_a_recording_torn_before_its_first_rows_holds_nothing(tmp_path: Path, data: bytes, nothing: bool) -> None:
+    assert not promises.holds_nothing(tmp_path / "run.rrd")
+    (tmp_path / "run.rrd").write_bytes(data)
+    assert promises.holds_nothing(tmp_path / "run.rrd") is nothing
 
 
 def test_planted_files_are_missed(tmp_path: Path) -> None:

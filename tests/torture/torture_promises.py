@@ -6,6 +6,7 @@ import csv
 import hashlib
 import json
 import re
+import struct
 import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -20,6 +21,7 @@ from omnilab.atomic_files import PART
 from omnilab.runner.run_folder import LoadedRun, find_runs
 
 PLANTED = "a user's own file\n"
+HEAD = struct.Struct("<QQ")  # kind and length of each message of a recording
 LOST_NS = 1_000_000_000  # what was logged up to so long before a kill is in both logs
 TABLES = (
     "cost.csv",
@@ -131,8 +133,11 @@ def mended_logs(folder: Path, killed_ns: int = 0) -> Iterator[str]:
         if found.state == "done":
             yield from unreadable_logs(found.folder)
             continue
-        place = str(found.folder)
+        place, recording = str(found.folder), found.folder / "run.rrd"
+        is_empty = holds_nothing(recording)
         mended = run(folder, "repair", place)
+        if is_empty and mended.code == 2 and f"{recording} cannot be read back" in mended.stderr:
+            continue  # there is nothing to keep, which a sentence says
         if mended.code != 0 or "Traceback" in mended.stderr:
             yield f"repair: {mended.said}"
             continue
@@ -142,6 +147,16 @@ def mended_logs(folder: Path, killed_ns: int = 0) -> Iterator[str]:
         yield from unreadable_logs(found.folder)
     if killed_ns:
         yield from lost_records(folder, killed_ns)
+
+
+def holds_nothing(recording: Path) -> bool:
+    """Whether a recording is there, and was torn before its first rows were whole."""
+    data = recording.read_bytes() if recording.exists() else b""
+    at, kind = 12, 1  # behind the header; a message about the recording itself
+    while at + HEAD.size <= len(data) and kind == 1:
+        kind, length = HEAD.unpack_from(data, at)
+        at += HEAD.size + length
+    return recording.exists() and (at > len(data) or kind == 1)
 
 
 def unreadable_logs(folder: Path) -> Iterator[str]:
@@ -159,7 +174,8 @@ def lost_records(folder: Path, killed_ns: int) -> Iterator[str]:
     for found in runs_of(folder):
         noted = torture_witness.noted(folder.parent / "witness", found.folder)
         for name, read in (("run.mcap", _mcap), ("run.rrd", _rrd)) if noted else ():
-            there = forked(read, found.folder / name)
+            log = found.folder / name
+            there = set() if name == "run.rrd" and holds_nothing(log) else forked(read, log)
             lost = [killed_ns - at for at, path, step in noted if (path, step) not in there]
             if lost and max(lost) > LOST_NS:
                 yield (
