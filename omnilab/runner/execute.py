@@ -25,7 +25,7 @@ from omnilab.runner.console_sink import Console
 from omnilab.runner.input_files import file_digests
 from omnilab.runner.interrupts import HeldSignals
 from omnilab.runner.map_file import FILE, load_places, save_map
-from omnilab.runner.recorder import Recorder
+from omnilab.runner.recorder import ProgressFile, Recorder
 from omnilab.runner.registry import Registry
 from omnilab.runner.run_folder import DONE, FAILED, INTERRUPTED, WARNINGS, RunFolder, origin
 from omnilab.runner.signature_cache import SignatureCache
@@ -50,13 +50,14 @@ def execute(
     with HeldSignals() as signals:
         run_folder = RunFolder(folder)
         run_folder.open(manifest, config_yaml, Path(run.logs) / "latest")
-        recorder, cache, start = Recorder(run.sinks, folder), None, time.perf_counter()
+        progress, cache, start = ProgressFile(folder), None, time.perf_counter()
+        recorder = Recorder(run.sinks, folder, progress.note)
         last_status: dict[str, Any] = {"status": INTERRUPTED}
         log.info("run of experiment '%s' starts: %s", experiment, " ".join(overrides))
         try:
             cache = _cache(run)
             try:
-                with pinned(run.threads), signals.heard(recorder.interrupt), recorder:
+                with progress, pinned(run.threads), signals.heard(recorder.interrupt), recorder:
                     with limited(run.limits):
                         report = _studied(run, registry, cache, recorder)
                     with signals.held():

@@ -69,7 +69,7 @@ def named(name: str) -> list[Metric]:
         (report(tables={"t": {1: [1]}}), "a name in table 't' as int, not as a text"),
         *((report(tables={name: {}}), "which is the name of another file") for name in ("metrics", "cost", "METRICS")),
         *((report(files={name: ""}), "which is the name of another file")
-          for name in ("status.json", "Manifest.json", "config.yaml", "warnings.txt", "run.log", "run.rrd", "run.lock", "map.npz",
+          for name in ("status.json", "Manifest.json", "config.yaml", "warnings.txt", "progress.json", "run.log", "run.rrd", "run.lock", "map.npz",
                        "NUL", "con.txt", "lpt1", "latest", "a.part")),
         *((report(files={name: ""}), "which is no name of a file")
           for name in ("../a", "a/b", "a\\b", "/a", "..", ".", "", "a:b", "a.", "a ", ".hidden", "a*", "é" * 101)),

@@ -68,6 +68,7 @@ def queries(folder):
 def test_a_run_leaves_these_files(folder):
     assert {file.name for file in folder.iterdir()} == {
         "config.yaml", "manifest.json", "status.json", "metrics.csv", "cost.csv", "queries.csv", "run.log", "run.lock",
+        "progress.json",
         "run.rrd", "run.mcap", "success.png", "distance_surface.png", "error_map.png", "worst.png",
         "recall.png",
     }  # fmt: skip

@@ -13,9 +13,9 @@ from omnilab import api
 from omnilab.errors import PluginError
 from omnilab.runner.boundaries.images import signatures, state
 from omnilab.runner.boundaries.values import ITEMS, Wrong, flag, named, number, poses, sentences, text, typed, whole
-from omnilab.runner.run_folder.names import CONFIG, MANIFEST, STATUS, WARNINGS
+from omnilab.runner.run_folder.names import CONFIG, MANIFEST, PROGRESS, STATUS, WARNINGS
 
-OWN_FILES = {STATUS, MANIFEST, CONFIG, WARNINGS, "metrics.csv", "cost.csv", "map.npz", "latest"}
+OWN_FILES = {STATUS, MANIFEST, CONFIG, WARNINGS, PROGRESS, "metrics.csv", "cost.csv", "map.npz", "latest"}
 NO_FILES = re.compile(
     r"run\..*|(con|prn|aux|nul|com\d|lpt\d)(\..*)?"
 )  # of the runner and its sinks; devices, to Windows

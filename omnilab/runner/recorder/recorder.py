@@ -29,8 +29,13 @@ class Recorder:
     dropped, and the run goes on. Sinks get the study's own arrays, as views that cannot be written to.
     """
 
-    def __init__(self, sinks: Mapping[str, Sink] | None = None, folder: Path | None = None) -> None:
-        self.folder = folder
+    def __init__(
+        self,
+        sinks: Mapping[str, Sink] | None = None,
+        folder: Path | None = None,
+        note: Callable[[Progress], object] | None = None,  # how far each stage is, whatever sinks there are
+    ) -> None:
+        self.folder, self._note = folder, note
         self.dropped: dict[str, str] = {}  # sink: what was wrong with it
         self.warnings: dict[str, None] = {}  # what studies logged as such, each once
         self.costs: dict[str, tuple[float, int]] = {}  # stage: seconds, items
@@ -65,6 +70,8 @@ class Recorder:
         if isinstance(record, Text) and record.level == "WARN" and record.text not in self.warnings:
             self.warnings[record.text] = None
             log.info("warning: %s", visible(record.text))
+        if isinstance(record, Progress) and self._note is not None:
+            self._note(record)
         if not self._outputs:
             return
         if isinstance(record, Image) and not record.encoded:

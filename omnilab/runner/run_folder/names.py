@@ -9,6 +9,7 @@ STATUS, MANIFEST, CONFIG = "status.json", "manifest.json", "config.yaml"
 RESERVED = "status.json.reserved"  # room for the last status, should the disk be full by then
 METRICS = ["metric", "value", "unit", "low", "high", "note"]  # the columns of metrics.csv
 WARNINGS, RUN_LOG = "warnings.txt", "run.log"
+PROGRESS = "progress.json"
 SUMMARY = "summary.csv"  # the table over a sweep's jobs
 RUNNING, DONE, FAILED, INTERRUPTED, KILLED = "running", "done", "failed", "interrupted", "killed"
 SILENT = "silent"  # it says "running", and whether its process lives cannot be told from here

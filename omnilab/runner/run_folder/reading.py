@@ -20,6 +20,7 @@ from omnilab.file_kinds import content_of
 from omnilab.runner.run_folder import process
 from omnilab.runner.run_folder.lock import REPAIR, RUN, LockState, ago, by_time, lock_state
 from omnilab.runner.run_folder.names import CONFIG, KILLED, MANIFEST, RUNNING, SILENT, STATUS
+from omnilab.runner.run_folder.progress import RunProgress, read_progress
 
 LARGEST_FILE, LARGEST_TABLE = 4 * 2**20, 256 * 2**20  # bytes
 DEEPEST = 32  # brackets within brackets
@@ -109,6 +110,11 @@ class LoadedRun:
         if status == RUNNING:
             return KILLED if found.purpose == REPAIR else found.state
         return status
+
+    @property
+    def progress(self) -> RunProgress | None:
+        """How far the run has come, or had when it ended; None if that is not known. Read anew each time."""
+        return read_progress(self.folder)
 
     @property
     def lock(self) -> LockState:
