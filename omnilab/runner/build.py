@@ -19,6 +19,7 @@ from omnilab.runner.boundaries import check_declared
 from omnilab.runner.config import Run, Settings, components_of, literal, logs_folder, structured
 from omnilab.runner.input_files import file_digests, leaves, listed, unknown_inputs
 from omnilab.runner.map_file import about_map, map_file
+from omnilab.runner.objective import check_objective
 from omnilab.runner.overrides.compose_errors import not_inserted, sentence
 from omnilab.runner.overrides.setting_types import wanted
 from omnilab.runner.registry import DICTS, Registry, members
@@ -59,6 +60,7 @@ def build(config: DictConfig, registry: Registry) -> Run:
     if lacking:
         options = "; ".join(_way_to_fill(slot, registry) for slot in lacking)
         raise ConfigError(f"the study needs a {' and a '.join(lacking)}, and none is chosen; give {options}")
+    check_objective(run.objective, run.study)
     return run
 
 

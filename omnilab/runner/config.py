@@ -25,6 +25,9 @@ class Settings:
         1, at_least=1, at_most=256
     )  # of each matrix product: results are only the same bit for bit with the same number
     limits: bool = True  # refuse work beyond the memory and disk that are free, or of more than a day; off: try it
+    objective: Any = (
+        None  # METRIC, -METRIC or a list of them: what a sweeper is told of the run; null: its first metric
+    )
     logs: str = setting("logs", writes=True)  # where run folders go
     cache: str | None = setting(
         "cache", writes=True
@@ -117,7 +120,8 @@ def resolved_yaml(run: Run) -> str:
 
 
 def resolved(run: Run) -> DictConfig:
-    return OmegaConf.create({name: _settings(value) for name, value in vars(run).items()})
+    """All that a run's results depend on; its objective is the sweeper's business."""
+    return OmegaConf.create({name: _settings(value) for name, value in vars(run).items() if name != "objective"})
 
 
 def _settings(value: Any) -> Any:

@@ -24,6 +24,7 @@ from omnilab.runner.build import build
 from omnilab.runner.config import Run, literal, logs_folder
 from omnilab.runner.execute import execute
 from omnilab.runner.interrupts import HeldSignals
+from omnilab.runner.objective import Value, check_sweep, described, value_of
 from omnilab.runner.overrides.command_line import for_hydra, quoted
 from omnilab.runner.overrides.compose_errors import sentence
 from omnilab.runner.registry import Registry, discover
@@ -95,7 +96,8 @@ class Task:
     def __reduce__(self) -> tuple[type[Task], tuple[()]]:
         return Task, ()  # plugins that failed need not pickle
 
-    def __call__(self, config: DictConfig) -> None:
+    def __call__(self, config: DictConfig) -> Value | None:
+        """Run a job, or the run; what a sweeper is told of a job."""
         if self.registry is None:
             outlast()
             self.registry = discover()
@@ -108,26 +110,30 @@ class Task:
             if state.sweep.subdir == IN_SWEEP:
                 folder /= str(state.job.num)
             self.begun[folder.name] = overrides
-            run_job(config, self.registry, folder, overrides, name)
-            return
+            return run_job(config, self.registry, folder, overrides, name)
         try:
-            _run(config, self.registry, folder, overrides, name, lambda report: show_run(report, folder))
+            report = _run(config, self.registry, folder, overrides, name, lambda report: show_run(report, folder))
+            if config.objective is not None:
+                print_error(described(config.objective, value_of(config.objective, _values(report))))
         except Exception as error:  # noqa: BLE001  raised again where Hydra has ended
             self.error = mistake_of(error, self.registry) or error
+        return None
 
 
-def run_job(config: DictConfig, registry: Registry, folder: Path, overrides: list[str], name: str) -> None:
-    """One job of a sweep: build, execute, show what came out. A failure is noted, and the other jobs go on."""
+def run_job(config: DictConfig, registry: Registry, folder: Path, overrides: list[str], name: str) -> Value:
+    """One job of a sweep: build, execute, show what came out. A failure is noted, and the other jobs go on.
+
+    Returns what a sweeper is told: the objective, or why there is none.
+    """
     computed: list[Report] = []
 
     def show(report: Report) -> None:
         computed.append(report)
-        metrics = {metric.name: float(metric.value) for metric in report.metrics}
-        print_error(f"job {folder.name}: {headline(metrics)}")
+        print_error(f"job {folder.name}: {headline(_values(report))}")
 
     print_error(f"job {folder.name}: {' '.join(overrides)}")
     try:
-        _run(config, registry, folder, overrides, name, show)
+        report = _run(config, registry, folder, overrides, name, show)
     except Exception as error:  # noqa: BLE001  bugs are shown in full; the other jobs must not pay for them
         for report in computed:  # which may not be on the disk
             show_run(report, folder)
@@ -137,6 +143,15 @@ def run_job(config: DictConfig, registry: Registry, folder: Path, overrides: lis
             traceback.print_exception(error)
         else:
             print_error(str(mistake))
+        return "the job failed"
+    try:
+        return value_of(config.objective, _values(report))
+    except ConfigError as mistake:  # of a study that does not say beforehand which metrics it has
+        raise SweepRefusedError(mistake) from mistake
+
+
+def _values(report: Report) -> dict[str, float]:
+    return {metric.name: float(metric.value) for metric in report.metrics}
 
 
 def mistake_of(error: Exception, registry: Registry) -> OmnilabError | None:
@@ -169,9 +184,9 @@ def _run(
     overrides: list[str],
     name: str,
     show: Callable[[Report], object],
-) -> None:
+) -> Report:
     try:
-        execute(_built(config, registry), folder, registry, overrides, name, show)
+        return execute(_built(config, registry), folder, registry, overrides, name, show)
     except BaseException:
         with suppress(OSError):  # it holds something, or is not there
             folder.rmdir()  # Hydra made it; nothing was run
@@ -230,10 +245,10 @@ def _end_sweep(begun: Mapping[str, Sequence[str]], all_begun: bool) -> int:
 
 
 class SweepRefusedError(BaseException):
-    """Ends a sweep before its first job. Hydra turns every Exception of a callback into a warning."""
+    """Ends a sweep, mostly before its first job. Hydra turns every Exception of a callback into a warning."""
 
-    def __init__(self, mistake: DataError) -> None:
-        super().__init__(str(mistake))
+    def __init__(self, mistake: OmnilabError) -> None:
+        super().__init__(mistake)  # all of it, for a worker's reaches us pickled
         self.mistake = mistake
 
 
@@ -252,11 +267,12 @@ class Sweep:
         config.hydra.overrides.hydra.append(f"hydra.sweep.dir={quoted(literal_folder)}")
         folder = Path(str(config.hydra.sweep.dir))
         try:
+            check_sweep(config)
             folder.mkdir(parents=True, exist_ok=True)
             Sweep.lock = lock_sweep(folder)
         except OSError:
             return  # and upon this
-        except DataError as mistake:
+        except OmnilabError as mistake:
             raise SweepRefusedError(mistake) from mistake
         Sweep.folder = folder
 

@@ -131,7 +131,7 @@ COMPOSED = [
     (["logs="], "names no folder; give logs=DIR"),
     (["~experiment"], "give experiment=NAME, or hydra.run.dir=DIR"),
     (["hydra/launcher=foo"], "hydra/launcher 'foo' does not exist; there is basic"),
-    (["hydra/launcher=ray"], "pip install hydra-ray-launcher"),
+    (["hydra/launcher=ray"], "pip install 'omnilab[ray]'"),
     (["--config-name", "foo"], "leave it out, and choose a recipe with experiment=NAME"),
     (["--config-path", "/nowhere"], "give --config-dir DIR for recipes of your own"),
     (["study.extent_m=???"], "study.extent_m is not set and has no default; give study.extent_m=VALUE"),

@@ -166,6 +166,7 @@ def with_inner(where: str, cls: type[Any]) -> Iterator[tuple[str, type[Any]]]:
 
 def test_every_setting_that_may_be_a_number_declares_its_range_and_its_default_is_within() -> None:
     numbers, others = {int, float, Any}, {str, bool, NoneType}
+    names = ["run.objective"]  # a name or a list of names, which OmegaConf knows no type for
     roots = {f"{c.kind}={c.name}": c.cls for c in discover("").components.values()} | {"run": Settings}
     classes = [found for root in roots.items() for found in with_inner(*root)]
     assert len(classes) > len(roots)
@@ -180,7 +181,7 @@ def test_every_setting_that_may_be_a_number_declares_its_range_and_its_default_i
         assert all(
             kind & numbers or kind <= others or all(map(is_enum_or_class, kind - others)) for kind in kinds.values()
         )
-    assert undeclared == [], "declare what it may be: setting(DEFAULT, above=0, at_most=...)"
+    assert undeclared == names, "declare what it may be: setting(DEFAULT, above=0, at_most=...)"
     assert outside == []
 
 

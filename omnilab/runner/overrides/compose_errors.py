@@ -16,9 +16,8 @@ from omnilab.runner.config import Run
 from omnilab.runner.overrides.setting_types import types_of, wanted
 from omnilab.runner.registry import DICTS, MANY, Registry
 
-LAUNCHERS = {  # by the name that a user gives: what to install
-    "joblib": "hydra-joblib-launcher", "submitit_local": "hydra-submitit-launcher",
-    "submitit_slurm": "hydra-submitit-launcher", "ray": "hydra-ray-launcher", "optuna": "hydra-optuna-sweeper",
+EXTRAS = {  # by the name of a launcher or a sweeper: the extra of omnilab that has it
+    "joblib": "joblib", "submitit_local": "submitit", "submitit_slurm": "submitit", "ray": "ray", "optuna": "optuna",
 }  # fmt: skip
 GENERAL = "the settings do not fit together; omnilab --cfg job, with experiment=NAME, shows those that there are"
 
@@ -72,8 +71,12 @@ def _missing_choice(found: re.Match[str], text: str, registry: Registry) -> str:
     name = found[1].removeprefix(f"{group}/")
     if group in KINDS and registry.names(group):
         return registry.missing(group, name)
-    if group in {"hydra/launcher", "hydra/sweeper"} and name in LAUNCHERS:
-        return f"{group}={name} needs a package that is not installed; pip install {LAUNCHERS[name]}"
+    if group in {"hydra/launcher", "hydra/sweeper"} and name in EXTRAS:
+        extra = EXTRAS[name]
+        return (
+            f"{group}={name} needs packages that are not installed; pip install 'omnilab[{extra}]', or in a clone:"
+            f" uv sync --inexact --extra {extra}"
+        )
     listed = text.partition("Available options")[2].partition("Config search path")[0]
     options = [line.strip() for line in listed.splitlines()[1:] if line.strip()]
     there = f"there is {', '.join(options)}" if options else f"leave {group}= out"

@@ -77,6 +77,11 @@ class Altitude:
     levels: dict[str, dict[str, list[Any]]] = setting({})  # of a disturbance: {setting: [values]}
 
     needs: ClassVar[tuple[str, ...]] = ("sensor",)
+    metric_names: ClassVar[tuple[str, ...]] = (
+        "ALTIMETER_sign_clear", "ALTIMETER_sign_rate_LEVEL_REFERENCE", "ALTIMETER_r2_median_LEVEL_REFERENCE",
+        "ALTIMETER_rms_m_LEVEL_REFERENCE", "ALTIMETER_rms_near_m_LEVEL_REFERENCE", "ALTIMETER_bias_m_LEVEL_REFERENCE",
+        "ALTIMETER_spread_LEVEL_REFERENCE", "ALTIMETER_slope_LEVEL_REFERENCE",
+    )  # fmt: skip
     cached: ClassVar[bool] = False  # it measures time
 
     def __post_init__(self) -> None:

@@ -22,6 +22,12 @@ from omnilab_studies.common.scores import UNDECIDED, ScoredEstimates
 
 Statistic = Callable[[Ints], float]  # of the queries with these indices
 SHOWN_RANKS = (1, 5, 10)
+METRIC_NAMES = (  # of localisation in a map, those that every run has first
+    *(f"{verdict}_rate" for verdict in VERDICTS), "position_error_median", "position_error_mean", "position_error_p95",
+    "heading_error_median", "heading_error_mean", "heading_error_p95", "position_error_steps_median", "within_step_rate",
+    *(f"recall_at_{n}" for n in SHOWN_RANKS), "recall_at_1_percent", "average_precision", "recall_at_full_precision",
+    "queries", "queries_without_place", "sharpness_mean", "places", "left_out", "bytes_per_place",
+)  # fmt: skip
 
 
 def localization_metrics(

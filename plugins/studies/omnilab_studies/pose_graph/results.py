@@ -33,6 +33,11 @@ METRICS = (
     "rejected",
     "trusted",
 )  # which columns of the table are metrics, the most important first
+METRIC_NAMES = (
+    *(name.removesuffix("_m") for name in (*METRICS, "cost_from_START")),
+    *(f"BACKEND_{name}".removesuffix("_m") for name in (*METRICS, "cost_from_START")),
+    "poses", "edges", "loops", "wrong_loops",
+)  # fmt: skip
 SHOWN = {
     "backend",
     "rms_to_clean_m",

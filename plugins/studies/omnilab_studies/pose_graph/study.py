@@ -35,6 +35,7 @@ from omnilab_studies.pose_graph import figures
 from omnilab_studies.pose_graph.growth import STEP_NS, Growth, drawn
 from omnilab_studies.pose_graph.layout import layout_of
 from omnilab_studies.pose_graph.results import (
+    METRIC_NAMES,
     GraphTruth,
     edge_table,
     files_of,
@@ -65,6 +66,7 @@ class PoseGraphStudy:
     show: int = setting(30, at_least=1)  # stages of a growing map that go into the logs
 
     needs: ClassVar[tuple[str, ...]] = ("backend",)
+    metric_names: ClassVar[tuple[str, ...]] = METRIC_NAMES
     cached: ClassVar[bool] = False  # it measures time
 
     def __post_init__(self) -> None:

@@ -72,6 +72,16 @@ class TrajectoryStudy:
     show: int = setting(200, at_least=1)  # images that go into the logs; the numbers of all of them do
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "odometry", "loop_closure", "backend")
+    metric_names: ClassVar[tuple[str, ...]] = (
+        "ate", "scale", "ate_max", "rpe_metre", "rpe_metre_deg", "drift", "end_drift", "odometry_ate", "odometry_scale",
+        "online_ate", "online_scale", "odometry_ate_max", "odometry_rpe_metre", "odometry_rpe_metre_deg",
+        "odometry_drift", "odometry_end_drift", "BACKEND_ate", "BACKEND_scale", "BACKEND_ate_max", "BACKEND_rpe_metre",
+        "BACKEND_rpe_metre_deg", "BACKEND_drift", "BACKEND_end_drift", "closures", "closure_precision",
+        "closure_recall", "seen_again", "same_place", "step_rotation_error_median", "step_rotation_error_mean",
+        "step_rotation_error_p95", "step_direction_error_median", "step_direction_error_mean",
+        "step_direction_error_p95", "step_length_spread", "images", "left_out", "bridged_steps", "problems",
+        "path_length", "BACKEND_rejected", "factor_GROUP",
+    )  # fmt: skip
     cached: ClassVar[bool] = False  # it measures time
 
     def __post_init__(self) -> None:

@@ -60,6 +60,11 @@ class ViewSlam:
     )  # images that go into the logs, and stages of the map; the numbers of all of them do
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "odometry")
+    metric_names: ClassVar[tuple[str, ...]] = (
+        "FILTER_rms", "FILTER_end", "FILTER_final_rms", "FILTER_heading_rms", "FILTER_nees", "FILTER_nees_median",
+        "FILTER_nees_within", "FILTER_views", "FILTER_observed", "FILTER_gated", "odometry_rms", "images",
+        "path_length", "lost_steps", "known_views",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         check_settings(self, "study.")

@@ -44,6 +44,10 @@ class Joint:
     query_count: int = setting(60, at_least=1, at_most=1_000_000)  # at each height
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "descriptor", "distance", "localizer", "altimeter")
+    metric_names: ClassVar[tuple[str, ...]] = (
+        "nearest_rate", "height_error_median", "sign_rate", "nearest_rate_level", "scale", "nearest_rate_HEIGHT",
+        "height_error_median_HEIGHT",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         check_settings(self, "study.")

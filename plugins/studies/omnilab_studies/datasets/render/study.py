@@ -104,6 +104,7 @@ class Render:
     show: int = setting(20, at_least=0)  # images that go into the logs
 
     needs: ClassVar[tuple[str, ...]] = ("sensor",)
+    metric_names: ClassVar[tuple[str, ...]] = ("images", "left_out", "bytes_per_image", "cloud_points")
 
     def __post_init__(self) -> None:
         check_settings(self, "study.")

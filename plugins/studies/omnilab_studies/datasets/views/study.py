@@ -58,6 +58,7 @@ class Views:
     )  # at most so many points of each view go into the logs and the figure
 
     needs: ClassVar[tuple[str, ...]] = ("sensor",)
+    metric_names: ClassVar[tuple[str, ...]] = ("views", "gray_level_mean", "cloud_points")
 
     def __post_init__(self) -> None:
         check_settings(self, "study.")

@@ -63,6 +63,10 @@ class Cost:
     height_m: float | None = setting(None, at_least=-1e6, at_most=1e6)  # of the viewpoint; null: the sensor's own
 
     needs: ClassVar[tuple[str, ...]] = ("sensor",)
+    metric_names: ClassVar[tuple[str, ...]] = (
+        "nearest_best", "bytes_least", "contestants", "misfits", "places", "queries", "left_out", "nearest_METHOD",
+        "bytes_DESCRIPTOR",
+    )  # fmt: skip
     cached: ClassVar[bool] = False  # a cached signature takes no time
 
     def __post_init__(self) -> None:

@@ -76,6 +76,10 @@ class Linearity:
     show: int = setting(50, at_least=0)  # images that go into the logs
 
     needs: ClassVar[tuple[str, ...]] = ("sensor",)
+    metric_names: ClassVar[tuple[str, ...]] = (
+        "r2_best", "monotone_best_m", "contestants", "misfits", "lines", "references", "images", "left_out",
+        "r2_METHOD",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         check_settings(self, "study.")

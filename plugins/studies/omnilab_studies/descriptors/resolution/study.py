@@ -65,6 +65,10 @@ class Resolution:
     sizes: list[list[int]] = setting([list(size) for size in THESIS], at_least=1, fewest=1)  # values, largest first
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "descriptor", "distance", "localizer")
+    metric_names: ClassVar[tuple[str, ...]] = (
+        "smallest_SETTING_DISTANCE_HEADINGS", "nearest_rate_SIZE_DISTANCE_HEADINGS",
+        "heading_error_median_SIZE_DISTANCE_HEADINGS",
+    )  # fmt: skip
     cached: ClassVar[bool] = False  # it measures time
 
     def __post_init__(self) -> None:

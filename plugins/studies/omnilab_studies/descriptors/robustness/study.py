@@ -61,6 +61,10 @@ class Robustness:
     levels: dict[str, dict[str, list[Any]]] = setting({})  # of a disturbance: {setting: [values]}
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "localizer", "disturbances")
+    metric_names: ClassVar[tuple[str, ...]] = (
+        "METHOD_area", "METHOD_clear_rate", "METHOD_area_DISTURBANCE", "METHOD_heading_error_median",
+        "METHOD_sharpness_mean", "METHOD_bytes_per_place",
+    )  # fmt: skip
     cached: ClassVar[bool] = False  # it measures time
 
     def __post_init__(self) -> None:

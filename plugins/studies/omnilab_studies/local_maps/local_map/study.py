@@ -65,6 +65,10 @@ class LocalMap:
     show: int = setting(4, at_least=1)  # queries whose map is shown as it settles
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "descriptor", "distance", "localizers")
+    metric_names: ClassVar[tuple[str, ...]] = (
+        "best_error_median", "centroid_error_median", "best_better_than_centroid", "error_median_METHOD_LOCALIZER",
+        "trials", "queries", "starts", "left_out",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         check_settings(self, "study.")

@@ -67,6 +67,10 @@ class TopologicalMap:
     show: int = setting(20, at_least=0)  # images of each grid that go into the logs
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "localizers")
+    metric_names: ClassVar[tuple[str, ...]] = (
+        "best_rms_steps", "best_rms", "best_neighbours_kept", "best_rms_steps_at_STEP_m",
+        "rms_steps_METHOD_LINKS_LOCALIZER", "nodes", "maps", "left_out",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         check_settings(self, "study.")

@@ -72,6 +72,10 @@ class Changes:
     )  # random headings are multiples of it; null: any heading
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "localizer")
+    metric_names: ClassVar[tuple[str, ...]] = (
+        "METHOD_nearest_rate_worst", "METHOD_nearest_or_second_rate_worst", "METHOD_CONDITION_nearest_rate",
+        "METHOD_CONDITION_nearest_or_second_rate", "places",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         check_settings(self, "study.")

@@ -24,7 +24,7 @@ from omnilab.api import (
 from omnilab_studies.common.describing import describe_places, fitted
 from omnilab_studies.common.frames import disturbed
 from omnilab_studies.common.grids import check_step_or_every, grid_poses
-from omnilab_studies.common.localization_metrics import localization_metrics, map_metrics
+from omnilab_studies.common.localization_metrics import METRIC_NAMES, localization_metrics, map_metrics
 from omnilab_studies.common.localization_run import LocalizationRun
 from omnilab_studies.common.logs import start_logs
 from omnilab_studies.common.plots import pixels_of
@@ -73,6 +73,7 @@ class Grid:
     show: int = setting(100, at_least=0)  # queries whose images go into the logs; the numbers of all of them do
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "descriptor", "distance", "localizer")
+    metric_names: ClassVar[tuple[str, ...]] = METRIC_NAMES
 
     def __post_init__(self) -> None:
         check_settings(self, "study.")

@@ -63,6 +63,10 @@ class LargeMap:
     height_m: float | None = setting(None, at_least=-1e6, at_most=1e6)  # of the viewpoint; null: the sensor's own
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "descriptor", "distance", "localizer", "localizers")
+    metric_names: ClassVar[tuple[str, ...]] = (
+        "places_most", "agreement_least", "same_least", "maps", "queries", "left_out", "bytes_per_place",
+        "agreement_LOCALIZER", "same_LOCALIZER", "recall_LOCALIZER", "compared_LOCALIZER",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         check_settings(self, "study.")

@@ -25,7 +25,7 @@ from omnilab.api import (
 from omnilab.geometry import heading_of, wrap_angle
 from omnilab_studies.common.describing import describe
 from omnilab_studies.common.frames import deliver_queries
-from omnilab_studies.common.localization_metrics import localization_metrics, map_metrics
+from omnilab_studies.common.localization_metrics import METRIC_NAMES, localization_metrics, map_metrics
 from omnilab_studies.common.localization_run import LocalizationRun
 from omnilab_studies.common.logs import show_frame, start_logs
 from omnilab_studies.common.plots import pixels_of
@@ -66,6 +66,7 @@ class Localize:
     other_pictures: bool = False  # true: queries by another camera, of another world or colour than the map's are meant
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "map", "localizer")  # the map brings descriptor and distance
+    metric_names: ClassVar[tuple[str, ...]] = (*METRIC_NAMES, "distance_median")
 
     def __post_init__(self) -> None:
         check_settings(self, "study.")

@@ -55,6 +55,7 @@ class MapStudy:
     show: int = setting(20, at_least=0)  # places whose pictures go into the logs
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "descriptor", "distance")
+    metric_names: ClassVar[tuple[str, ...]] = ("places", "bytes_per_place", "left_out", "step")
 
     def __post_init__(self) -> None:
         check_settings(self, "study.")

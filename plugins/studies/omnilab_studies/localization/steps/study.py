@@ -61,6 +61,10 @@ class Steps:
     )  # angles of the descriptor's grid, in a full rotation
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "localizer")
+    metric_names: ClassVar[tuple[str, ...]] = (
+        "METHOD_STEP_HEADINGS_nearest_rate", "METHOD_STEP_HEADINGS_wrong_rate",
+        "METHOD_STEP_HEADINGS_heading_error_mean",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         check_settings(self, "study.")

@@ -44,6 +44,10 @@ class ViewCount:
     drives: Drives = field(default_factory=Drives)  # laps, noise, mishaps
 
     needs: ClassVar[tuple[str, ...]] = ()
+    metric_names: ClassVar[tuple[str, ...]] = (
+        "FILTER_most_rms", "FILTER_most_rms_common", "FILTER_most_nees", "FILTER_fewest_rms",
+        "FILTER_fewest_rms_common", "FILTER_fewest_nees", "odometry_rms", "observed", "wrong", "said",
+    )  # fmt: skip
     cached: ClassVar[bool] = False  # it measures time
 
     def __post_init__(self) -> None:

@@ -61,6 +61,10 @@ class ViewRange:
     )  # of the drive in the logs: the first seed's in the last scenario, by the first filter
 
     needs: ClassVar[tuple[str, ...]] = ()
+    metric_names: ClassVar[tuple[str, ...]] = (
+        "FILTER_SCENARIO_converged_from", "FILTER_SCENARIO_rms", "FILTER_SCENARIO_rms_common", "FILTER_SCENARIO_nees",
+        "odometry_SCENARIO_rms", "observed", "wrong", "said",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         check_settings(self, "study.")
