@@ -85,7 +85,7 @@ from omnilab.api.records import (
     Tick,
     ViewLayout,
 )
-from omnilab.api.results import Metric, Recorder, Report
+from omnilab.api.results import Metric, Recorder, Report, RunResult, TakesResult
 from omnilab.api.settings import check_settings, setting
 
 __all__ = [
@@ -146,6 +146,7 @@ __all__ = [
     "RecordedPoses",
     "Recorder",
     "Report",
+    "RunResult",
     "Sensor",
     "SequenceLocalizer",
     "Series",
@@ -153,6 +154,7 @@ __all__ = [
     "Signatures",
     "Sink",
     "Study",
+    "TakesResult",
     "Text",
     "Tick",
     "Trainable",

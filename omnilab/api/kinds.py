@@ -294,10 +294,10 @@ class Study(Protocol):
 
 @runtime_checkable
 class Sink(Protocol):
-    """Writes records in its own format, those it has a form for. A thread of the sink's own flushes and closes it."""
+    """Writes records in its own format, those it has a form for. It may also have the method of `TakesResult`."""
 
     def open(self, folder: Path) -> None:
-        """Start writing into the run folder."""
+        """Start writing into the run folder, which a runner has given its `manifest.json` and `config.yaml`."""
 
     def write(self, path: str, record: Record, tick: Tick | None) -> None:
         """Take one record, whose arrays can only be read, and may change later. ValueError costs this record only."""
@@ -306,7 +306,7 @@ class Sink(Protocol):
         """Make sure that what was taken survives the death of the process. Called every half second."""
 
     def close(self) -> None:
-        """Complete the files."""
+        """Complete the files. Like `flush`, it is called by a thread of the sink's own."""
 
     def repair(self, folder: Path) -> str | None:
         """Mend this sink's file of a run that was killed: what was done in a sentence, None if nothing was amiss."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy.typing as npt
 
@@ -35,6 +35,23 @@ class Report:
     files: Mapping[str, str] = field(default_factory=dict)  # texts by file name: trajectories, graphs
     summary: str = ""  # Markdown; the runner logs it as `summary`
     omitted: Sequence[str] = ()  # what was left out, each with its reason; the runner logs them as lines of `log`
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """How a run ended."""
+
+    status: str  # done, failed or interrupted
+    metrics: Sequence[Metric] = ()  # those that were computed
+    error: str = ""  # kind and message of the error that ended it
+
+
+@runtime_checkable
+class TakesResult(Protocol):
+    """A sink that writes down how the run ended has this method, too."""
+
+    def conclude(self, result: RunResult) -> None:
+        """The run has ended, the folder holds what it has written of its results: the last call before `close`."""
 
 
 class Recorder(Protocol):

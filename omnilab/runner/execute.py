@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 from omegaconf import OmegaConf
 
-from omnilab.api import KINDS, Parts, Report, Text, is_cached
+from omnilab.api import KINDS, Parts, Report, RunResult, Text, is_cached
 from omnilab.errors import OmnilabError, of_machine
 from omnilab.limits import limited
+from omnilab.manifest import new_id
 from omnilab.runner.boundaries import check_report, ending, guard
 from omnilab.runner.config import Run, named_components, resolved, resolved_yaml
 from omnilab.runner.console_sink import Console
@@ -57,9 +58,11 @@ def execute(
         try:
             cache = _cache(run)
             try:
-                with progress, pinned(run.threads), signals.heard(recorder.interrupt), recorder:
+                logs = _concluded(recorder, run_folder)
+                with progress, pinned(run.threads), signals.heard(recorder.interrupt), recorder, logs:
                     with limited(run.limits):
                         report = _studied(run, registry, cache, recorder)
+                    recorder.result = RunResult(DONE, report.metrics)
                     with signals.held():
                         _write(report, run, registry, run_folder, recorder, show)
                         if not run_folder.missing:
@@ -81,6 +84,26 @@ def execute(
             log.info("%s in %.1f s", last_status["status"], time.perf_counter() - start)
             run_folder.end(**last_status, sinks_dropped=recorder.dropped)
     return report
+
+
+@contextmanager
+def _concluded(recorder: Recorder, run_folder: RunFolder) -> Iterator[None]:
+    """The recorder knows how the run ended, and with which metrics, before it closes the logs."""
+    status, error = INTERRUPTED, ""
+    try:
+        yield
+        if run_folder.missing:
+            status, error = FAILED, f"{', '.join(run_folder.missing)} could not be written"
+        else:
+            status = DONE
+    except KeyboardInterrupt:
+        raise
+    except BaseException as mistake:
+        status, error = FAILED, _message(mistake)
+        raise
+    finally:
+        metrics = recorder.result.metrics if recorder.result else ()
+        recorder.result = RunResult(status, metrics, error)
 
 
 def _studied(run: Run, registry: Registry, cache: SignatureCache | None, recorder: Recorder) -> Report:
@@ -142,6 +165,7 @@ def manifest_of(
 ) -> dict[str, Any]:
     """What is needed to know, and to repeat, a run."""
     return {
+        "id": new_id(),
         "experiment": experiment,
         "overrides": list(overrides),
         "seed": run.seed,

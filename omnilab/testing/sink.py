@@ -17,12 +17,14 @@ from omnilab.testing.common import check_common, expect
 
 
 def check_sink(sink: Any, folder: Path) -> None:
-    """Takes every record, with and without a tick; completes its files; a whole run needs no repair; pickles."""
+    """Takes every record, with and without a tick, and a result; completes its files, which need no repair; pickles."""
     check_common("sink", sink)
     sink.open(folder)
     for path, record, tick in sample_records():
         sink.write(path, record, tick)
         sink.flush()
+    if isinstance(sink, api.TakesResult):
+        sink.conclude(api.RunResult("done", [api.Metric("rate", 0.5, "1"), api.Metric("error", np.nan, "m")]))
     sink.close()
     expect(sink.repair(folder) is None, "a run that ended well needs repair")
     pickle.loads(pickle.dumps(sink))  # noqa: S301  our own bytes

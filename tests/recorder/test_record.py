@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from omnilab.api import Answers, DistanceField, Image, Progress, Text
+from omnilab.api import Answers, DistanceField, Image, Progress, RunResult, Text
 from omnilab.runner.recorder import Recorder
 from omnilab.testing import sample_records
 
@@ -59,6 +59,25 @@ def test_a_failing_sink_is_dropped_and_the_others_go_on(caplog):
     assert len(bad.taken) == 2
     assert "No space left" in record.dropped["bad"]
     assert "sink 'bad' failed" in caplog.text
+
+
+def test_a_sink_that_takes_the_result_gets_it_before_it_is_closed_and_others_go_on(caplog):
+    class Concludes(Memory):
+        def conclude(self, result):
+            self.events.append(result)
+
+    class Refuses(Memory):
+        def conclude(self, result):
+            raise ValueError(f"what is {result.status}?")
+
+    sinks, result = {"of before": Memory(), "new": Concludes(), "bad": Refuses()}, RunResult("done")
+    with Recorder(sinks) as record:
+        record.result = result
+    assert [event for event in sinks["new"].events if event != "flush"] == ["open", result, "close"]
+    for name in ("of before", "bad"):
+        assert [event for event in sinks[name].events if event != "flush"] == ["open", "close"]
+    assert record.dropped == {}
+    assert "sink 'bad' cannot take the record 'result'" in caplog.text
 
 
 def test_a_sink_that_would_end_the_process_is_dropped():

@@ -258,6 +258,47 @@ def test_the_rrd_holds_the_errors_of_the_rows(folder, queries):
     assert [found[i] for i in range(12)] == [[float(row["error_m"])] for row in queries]
 
 
+def test_both_logs_say_which_run_it_is_and_how_it_ended(folder, metrics):
+    manifest = json.loads((folder / "manifest.json").read_text())
+    with (folder / "run.mcap").open("rb") as stream:
+        reader = make_reader(stream)
+        *_, last = reader.iter_metadata()
+        attached = {attachment.name: attachment.data for attachment in reader.iter_attachments()}
+    assert last.metadata["id"] == manifest["id"]
+    assert last.metadata["status"] == "done"
+    assert {name: float(last.metadata[f"metrics.{name}"]) for name in metrics} == metrics
+    assert attached == {n: (folder / n).read_bytes() for n in ("manifest.json", "config.yaml", "metrics.csv")}
+
+    reader = RrdReader(folder / "run.rrd")
+    assert [entry.recording_id for entry in reader.recordings()] == [f"{folder.name}-{manifest['id']}"]
+    found = {}
+    for chunk in reader.stream().filter(content="/__properties/**").to_chunks():
+        found |= {name: values[-1] for name, values in chunk.to_record_batch().to_pydict().items()}
+    assert {name: found[name] for name in metrics} == {name: [value] for name, value in metrics.items()}
+    assert (found["status"], found["seed"], found["experiment"]) == (["done"], [5], ["quickstart"])
+    assert found["overrides"] == manifest["overrides"]
+
+
+def test_an_error_lies_at_its_image_in_both_logs(folder):
+    times: dict[str, dict[int, int]] = {}
+    with (folder / "run.mcap").open("rb") as stream:
+        for _, channel, message in make_reader(stream).iter_messages():
+            assert message.publish_time == message.log_time
+            times.setdefault(channel.topic, {})[message.sequence] = message.log_time
+    images = times["/query/image"]
+    assert images.items() <= times["/error/position_m"].items()
+    assert len(set(images.values())) == len(images) == 4
+
+    times = {}
+    for chunk in RrdReader(folder / "run.rrd").stream().filter(has_timeline="step").to_chunks():
+        batch = chunk.to_record_batch()
+        steps, at = (batch.column(name).cast("int64").to_pylist() for name in ("step", "log_time"))
+        times.setdefault(chunk.entity_path, {}).update(zip(steps, at, strict=True))
+    images = times["/query/image"]
+    assert images.items() <= times["/error/position_m"].items()
+    assert len(set(images.values())) == len(images) == 4
+
+
 # --------------------------------------------------------------------------------------------------- as a library
 def test_without_hydra(tmp_path):
     parts = Parts(Mirror(str(WORLD), size=96, samples=1), Radon(48, 60), PocBand(), Nearest())

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from omnilab.api import Record, Sink, Tick
+from omnilab.api import Record, RunResult, Sink, TakesResult, Tick
 from omnilab.errors import PluginError, visible
 
 FLUSH_S = 0.5  # half of what a killed run may lose
@@ -99,6 +99,7 @@ class Output:
     ) -> None:
         self.name, self.sink, self.dropped = name, sink, dropped
         self.ends = threading.Event()  # the run does, or the sink has failed
+        self.result: RunResult | None = None  # what a sink may write down before it is closed
         self._timed, self._interrupts = timed, interrupts
         self._lock = threading.Lock()
         self._opened = False
@@ -155,9 +156,14 @@ class Output:
             self._interrupts.wake()
             if self._opened and self._lock.acquire(timeout=FLUSH_S):
                 self._attempt(self.sink.flush)
-        if self._opened:
+        if not self._opened:
+            return
+        sink, result = self.sink, self.result
+        if result and isinstance(sink, TakesResult) and self.name not in self.dropped:
             self._lock.acquire()
-            self._attempt(self.sink.close)
+            self._attempt(lambda: sink.conclude(result), "result")
+        self._lock.acquire()
+        self._attempt(sink.close)
 
     def _attempt(self, action: Callable[[], Any], path: str | None = None) -> None:
         """Do something with the sink, whose lock is held until then.

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Self, TypeVar
 
 from omnilab import image
-from omnilab.api import Image, Progress, Record, Sink, Text, Tick
+from omnilab.api import Image, Progress, Record, RunResult, Sink, Text, Tick
 from omnilab.errors import visible
 from omnilab.limits import Pace
 from omnilab.runner.boundaries import read_only
@@ -39,6 +39,7 @@ class Recorder:
         self.dropped: dict[str, str] = {}  # sink: what was wrong with it
         self.warnings: dict[str, None] = {}  # what studies logged as such, each once
         self.costs: dict[str, tuple[float, int]] = {}  # stage: seconds, items
+        self.result: RunResult | None = None  # what sinks may write down at the end
         self._interrupts = Interrupts()
         self._outputs = [
             Output(name, sink, self.timed, self._interrupts, self.dropped) for name, sink in (sinks or {}).items()
@@ -61,6 +62,7 @@ class Recorder:
         with self._interrupts.postponed():
             outputs, self._outputs = self._outputs, []
             for output in outputs:
+                output.result = self.result
                 output.ends.set()
             for output in outputs:
                 output.join()

@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import struct
-import time
 from collections.abc import Iterable
 from contextlib import closing
 from importlib.metadata import version
 from pathlib import Path
 
+import numpy as np
 from google.protobuf.message import Message  # type: ignore[import-untyped]
 from mcap_protobuf.schema import register_schema
 
-from omnilab.api import Tick
+from omnilab.api import RunResult, Tick
 from omnilab.errors import DataError, PluginError
+from omnilab.log_times import LogTimes
+from omnilab.manifest import read_manifest
+from omnilab_mcap import about
 from omnilab_mcap.writer import TailedFile, TailedWriter
 
 
 class McapLog:
-    """One channel per topic, one protobuf schema per channel, and the run's clock (log times never step back)."""
+    """One channel per topic, one protobuf schema per channel, and the run's clock (see `LogTimes`)."""
 
     def __init__(self, path: Path) -> None:
         try:
@@ -29,33 +32,41 @@ class McapLog:
             ) from error
         self._writer = TailedWriter(self._file)
         self._writer.start()
-        self._writer.add_metadata("omnilab", {"run": path.parent.name} | versions())
+        self.times = LogTimes()
+        self._folder = path.parent
+        self._about = about.of_run(read_manifest(path.parent)) | versions()
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, tuple[int, str]] = {}
-        self._now = time.time_ns()
-        self._opened = self._now
-        self._rows_until: dict[str, int] = {}
-        self.flush()
-
-    def now(self) -> int:
-        """The run's clock, ns since 1970."""
-        self._now = max(self._now, time.time_ns())
-        return self._now
+        self._describe(about.RUN_FILES)
 
     def add(self, topic: str, message: Message, log_ns: int, tick: Tick) -> None:
         """Append one message; its sequence number is the study's step. It is with the operating system at once."""
         channel = self._channel(topic, message)
         try:
-            self._writer.add_message(channel, log_ns, message.SerializeToString(), tick.stamp_ns, tick.step)
+            self._writer.add_message(channel, log_ns, message.SerializeToString(), log_ns, tick.step)
         except struct.error as error:
-            raise ValueError(f"{tick} does not fit: steps have 32 bits, times 64, none is negative") from error
+            raise ValueError(f"step {tick.step} does not fit: steps have 32 bits, and none is negative") from error
 
     def add_rows(self, topic: str, rows: Iterable[tuple[Message, Tick]]) -> None:
-        """Append the rows that came in since the topic's last ones, with log times spread evenly over that while."""
-        rows, since, now = list(rows), self._rows_until.get(topic, self._opened), self.now()
-        for i, (message, tick) in enumerate(rows, start=1):
-            self.add(topic, message, since + (now - since) * i // len(rows), tick)
-        self._rows_until[topic] = now
+        """Append the rows of a curve, each at the time of its step."""
+        rows = list(rows)
+        times = self.times.of_steps(np.array([tick.step for _, tick in rows], np.int64))
+        for (message, tick), log_ns in zip(rows, times.tolist(), strict=True):
+            self.add(topic, message, log_ns, tick)
+
+    def conclude(self, result: RunResult) -> None:
+        """Say how the run ended; of records of one name the last holds."""
+        self._about |= about.of_result(result)
+        self._describe(about.RESULT_FILES)
+
+    def _describe(self, media_types: dict[str, str]) -> None:
+        """Write what is known of the run, and files of its folder, behind the chunk in progress."""
+        self.flush()
+        self._writer.add_metadata(about.NAME, self._about)
+        for name, media_type, content in about.files(self._folder, media_types):
+            now = self.times.now()
+            self._writer.add_attachment(now, now, name, media_type, content)
+        self.flush()
 
     def flush(self) -> None:
         """Complete the chunk in progress."""

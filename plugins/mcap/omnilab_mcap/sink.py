@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from omnilab.api import Record, Series, Tick
+from omnilab.api import Record, RunResult, Series, Tick
 
 if TYPE_CHECKING:
     from omnilab_mcap.log import McapLog
@@ -35,14 +35,18 @@ class McapSink:
         if isinstance(record, Series):
             log.add_rows(topic, messages.scalars(record))
         else:
-            now = log.now()
-            tick = tick or Tick(0, now)
+            log_ns = log.times.now() if tick is None else log.times.of_step(tick.step)
+            tick = tick or Tick(0, log_ns)
             for subtopic, message in messages.messages(record, topic, tick):
-                log.add(subtopic, message, now, tick)
+                log.add(subtopic, message, log_ns, tick)
 
     def flush(self) -> None:
         """Complete the chunk in progress. What was written is with the operating system already."""
         self._opened().flush()
+
+    def conclude(self, result: RunResult) -> None:
+        """Say how the run ended, in the metadata `omnilab`, and attach `metrics.csv`."""
+        self._opened().conclude(result)
 
     def close(self) -> None:
         """Complete the file with its index."""

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mcap.reader import make_reader
 
 from omnilab import api
 from omnilab.errors import DataError, PluginError
@@ -171,7 +170,6 @@ def test_series(topics, records):
     assert [row.decoded.value for row in rows] == records["/error"].values.tolist()
     assert [row.decoded.step for row in rows] == [row.message.sequence for row in rows] == [3, 4, 5]
     assert [row.decoded.timestamp.ToNanoseconds() for row in rows] == records["/error"].stamps_ns.tolist()
-    assert [row.message.publish_time for row in rows] == records["/error"].stamps_ns.tolist()
     assert {row.decoded.unit for row in rows} == {"m"}
 
 
@@ -203,7 +201,8 @@ def test_values_survive_to_the_bit(tmp_path_factory, read, values):
 
 def test_times_of_a_record_with_a_tick(topics, tick):
     (entry,) = topics["/log"]
-    assert entry.decoded.timestamp.ToNanoseconds() == entry.message.publish_time == tick.stamp_ns
+    assert entry.decoded.timestamp.ToNanoseconds() == tick.stamp_ns
+    assert entry.message.publish_time == entry.message.log_time
     assert entry.message.sequence == tick.step
 
 
@@ -221,21 +220,28 @@ def test_the_clock_never_steps_back(written, monkeypatch):
     assert [entry.message.log_time for entry in topics["/log"]] == [9, 9, 9, 12]
 
 
-def test_rows_are_spread_over_the_time_since_the_last_ones(written, monkeypatch):
-    clock = iter([100, 200, 300])  # opened, first stretch, second stretch
+def test_all_of_a_step_lies_at_one_time_a_curve_that_comes_after_it_too(written, monkeypatch):
+    clock = iter([100, 200, 300, 400, 500, 600])
+    monkeypatch.setattr(time, "time_ns", lambda: next(clock))
+    line, steps = api.Text("x"), np.arange(8)
+    ticks = [api.Tick(step, 0) for step in (2, 6, 2)]
+    curve = api.Series(np.zeros(8), steps, steps, "m")
+    topics = written(
+        *[("/log", line, tick) for tick in ticks], ("/error", curve, None), ("/late", line, api.Tick(7, 0))
+    )
+    assert [(e.message.sequence, e.message.log_time) for e in topics["/log"]] == [(2, 200), (2, 200), (6, 300)]
+    # between steps that are known, and after them all in the time since the record before
+    assert [e.message.log_time for e in topics["/error"]] == [200, 200, 200, 225, 250, 275, 300, 500]
+    assert [e.message.log_time for e in topics["/late"]] == [500]
+
+
+def test_rows_of_new_steps_are_spread_over_the_time_since_the_last_record(written, monkeypatch):
+    clock = iter([100, 200, 300, 400])
     monkeypatch.setattr(time, "time_ns", lambda: next(clock))
     steps = np.arange(4)
-    stretch = api.Series(np.zeros(4), steps, steps, "m")
-    topics = written(("/error", stretch, None), ("/error", stretch, None))
-    assert [entry.message.log_time for entry in topics["/error"]] == [125, 150, 175, 200, 225, 250, 275, 300]
-
-
-def test_metadata(run):
-    with (run / "run.mcap").open("rb") as file:
-        (metadata,) = make_reader(file).iter_metadata()
-    assert metadata.name == "omnilab"
-    assert metadata.metadata["run"] == run.name
-    assert set(metadata.metadata) == {"run", "omnilab", "omnilab-mcap", "mcap", "protobuf"}
+    curves = [api.Series(np.zeros(4), steps + first, steps, "m") for first in (0, 4)]
+    topics = written(("/progress", api.Progress("map", 1, 2), None), *[("/error", curve, None) for curve in curves])
+    assert [e.message.log_time for e in topics["/error"]] == [225, 250, 275, 300, 325, 350, 375, 400]
 
 
 def test_two_kinds_under_one_path(tmp_path):

@@ -27,6 +27,13 @@ class Owned:
         return self._array
 
 
+class OwnedRow(Owned):
+    """A component's values as a column of a single row."""
+
+    def as_arrow_array(self) -> Any:
+        return pa.ListArray.from_arrays(pa.array([0, len(self._array)], pa.int32()), self._array)
+
+
 def owned(batches: Iterable[Any]) -> list[Any]:
     """Components, columns or times, each with its values in memory of its own."""
     return [Owned(batch) for batch in batches]
@@ -35,3 +42,9 @@ def owned(batches: Iterable[Any]) -> list[Any]:
 def components(*archetypes: rr.AsComponents) -> list[Any]:
     """All components of some archetypes, owned."""
     return owned(batch for archetype in archetypes for batch in archetype.as_component_batches())
+
+
+def row(*archetypes: rr.AsComponents) -> list[Any]:
+    """All components of some archetypes as columns of a single row, owned."""
+    batches = (batch for archetype in archetypes for batch in archetype.as_component_batches())
+    return [OwnedRow(batch) for batch in batches]

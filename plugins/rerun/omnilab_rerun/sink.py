@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from omnilab.api import (
     Floats,
     PlaceMap,
     Progress,
     Record,
+    RunResult,
     Series,
     Text,
     Tick,
@@ -22,6 +24,8 @@ from omnilab.api import (
     setting,
 )
 from omnilab.errors import ConfigError, DataError
+from omnilab.log_times import LogTimes
+from omnilab.manifest import read_manifest
 from omnilab_rerun.ports import LOOPBACK, is_free
 
 if TYPE_CHECKING:
@@ -35,8 +39,9 @@ HAND_OVER_S = 0.1  # how long Rerun may gather records before it writes them
 class RerunSink:
     """Writes `run.rrd`, which the Rerun viewer shows in the study's own layout; on request also while the run goes on.
 
-    Records without a tick are static. The others lie on the timelines `step` (the study's) and `sensor_time` (the
-    sensor's clock); Rerun adds `log_time`. The layout is sent with the first record that has a tick: what was logged
+    Records without a tick are static. The others lie on the timelines `step` (the study's), `sensor_time` (the sensor's
+    clock) and `log_time` (the run's, on which all of a step lies where its first record was logged). What run it is, and
+    how it ended, are properties of the recording, which Rerun's catalog lists as columns. The layout is sent with the first record that has a tick: what was logged
     before it decides from where its maps are seen.
     """
 
@@ -53,20 +58,22 @@ class RerunSink:
         """
         import rerun as rr
 
+        from omnilab_rerun import properties
         from omnilab_rerun.drawing import LONE_M
         from omnilab_rerun.writing import RecordingFile
 
         (folder / FILE).open("wb").close()  # rerun's own error names no path
-        servers, run = self._server(), folder.resolve()
+        servers, self._manifest = self._server(), read_manifest(folder)
         self._stream = rr.RecordingStream(
-            run.parent.name,
-            recording_id=run.name,
+            self._manifest.folder.parent.name,
+            recording_id=self._manifest.unique_name,
             batcher_config=rr.ChunkBatcherConfig(flush_tick=HAND_OVER_S),
         )
         self._stream.set_sinks(rr.FileSink(folder / FILE), *servers)
         self._file = RecordingFile(folder / FILE)
         self._failed = False
-        self._at(Tick(0, 0))
+        properties.begin(self._stream, self._manifest)
+        self._times, self._tick = LogTimes(), Tick(0, 0)
         self._spacing_m = LONE_M
         self._curves: set[str] = set()
         self._extents: dict[str, Floats] = {}
@@ -91,7 +98,7 @@ class RerunSink:
 
         self.flush()
         if tick is not None:
-            self._at(tick)
+            self._tick = tick
             self._lay_out()
         try:
             with catch_and_log_exceptions(strict=True):  # else it warns, and writes half of the record
@@ -103,7 +110,7 @@ class RerunSink:
     def _take(self, path: str, record: Record, tick: Tick | None) -> None:
         match record:
             case Progress():
-                return
+                self._times.now()
             case ViewLayout():
                 self._layout = record
             case Series():
@@ -113,20 +120,21 @@ class RerunSink:
                     self._space(record)
                 if tick is None:
                     self._measure(path, record)
-                self._draw(path, record, static=tick is None)
+                self._draw(path, record, tick)
 
-    def _draw(self, path: str, record: Record, static: bool) -> None:
+    def _draw(self, path: str, record: Record, tick: Tick | None) -> None:
         from omnilab_rerun.drawing import draw
-        from omnilab_rerun.owned import components
+        from omnilab_rerun.owned import components, owned, row
 
+        log_ns = self._times.now() if tick is None else self._times.of_step(tick.step)
         if isinstance(record, Text) and not record.markdown:
-            static = False  # a static line would replace the last one: it goes where the run is
+            tick = tick or self._tick  # a static line would replace the last one: it goes where the run is
         for part, archetypes in draw(record, self._spacing_m):
-            self._stream.log(path + part, components(*archetypes), static=static, strict=True)
-
-    def _at(self, tick: Tick) -> None:
-        self._stream.set_time("step", sequence=tick.step)
-        self._stream.set_time("sensor_time", duration=np.timedelta64(tick.stamp_ns, "ns"))
+            if tick is None:
+                self._stream.log(path + part, components(*archetypes), static=True, strict=True)
+            else:  # `log` would add a time of its own
+                times = owned(_columns([tick.step], [tick.stamp_ns], [log_ns]))
+                self._stream.send_columns(path + part, times, row(*archetypes), strict=True)
 
     def _space(self, places: PlaceMap) -> None:
         """Remember how fine the map is, for what is drawn."""
@@ -165,10 +173,7 @@ class RerunSink:
             name = f"{path.rsplit('/', 1)[-1]} [{series.unit}]"
             colors = None if series.color is None else [series.color]
             self._stream.log(path, components(rr.SeriesLines(names=name, colors=colors)), static=True, strict=True)
-        times = [
-            rr.TimeColumn("step", sequence=series.steps),
-            rr.TimeColumn("sensor_time", duration=np.asarray(series.stamps_ns).astype("timedelta64[ns]")),
-        ]
+        times = _columns(series.steps, series.stamps_ns, self._times.of_steps(series.steps))
         values = rr.Scalars.columns(scalars=series.values)
         self._stream.send_columns(path, owned(times), owned(values), strict=True)
 
@@ -184,6 +189,13 @@ class RerunSink:
                 self._stream.set_sinks(rr.FileSink(os.devnull))  # what has a dead writer cannot be closed
             self._failed = True
             raise DataError(f"{FILE} takes no more records; make room on the disk")
+
+    def conclude(self, result: RunResult) -> None:
+        """Say how the run ended, in the properties of the recording."""
+        from omnilab_rerun import properties
+
+        self.flush()
+        properties.end(self._stream, self._manifest, result)
 
     def close(self) -> None:
         """Write what is left, and the footer; DataError if that is not possible."""
@@ -218,3 +230,14 @@ class RerunSink:
             show(folder / FILE)
         else:
             take_picture(folder / FILE, screenshot, step, size)
+
+
+def _columns(steps: ArrayLike, stamps_ns: ArrayLike, log_ns: ArrayLike) -> list[rr.TimeColumn]:
+    """Times (n,) of each timeline, ns."""
+    import rerun as rr
+
+    return [
+        rr.TimeColumn("step", sequence=np.asarray(steps)),
+        rr.TimeColumn("sensor_time", duration=np.asarray(stamps_ns).astype("timedelta64[ns]")),
+        rr.TimeColumn("log_time", timestamp=np.asarray(log_ns).astype("datetime64[ns]")),
+    ]

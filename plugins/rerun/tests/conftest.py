@@ -32,7 +32,7 @@ class RecordedEntities:
                 continue
             steps = batch.column("step").to_pylist() if "step" in batch.schema.names else [0] * batch.num_rows
             values = batch.column(column)
-            values = values.cast("int64") if column in {"step", "sensor_time"} else values
+            values = values.cast("int64") if column in {"step", "sensor_time", "log_time"} else values
             found += zip(steps, values.to_pylist(), strict=True)
         return [value for _, value in sorted(found, key=lambda row: row[0]) if value is not None]
 

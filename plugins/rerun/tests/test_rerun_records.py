@@ -195,7 +195,7 @@ def test_ticks_become_both_timelines_and_no_tick_is_static(recorded):
 
 def test_progress_is_skipped(recorded):
     log = recorded([("progress", Progress("describe", 1, 2), None)])
-    assert {chunk.entity_path for chunk in log.chunks} == {"/__properties"}
+    assert {chunk.entity_path for chunk in log.chunks} == {"/__properties", "/__properties/run"}
 
 
 def test_a_record_of_an_unknown_kind_is_refused(recorded):
