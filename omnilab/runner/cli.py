@@ -14,12 +14,14 @@ from pathlib import Path
 from omnilab import hooks
 from omnilab.api import KINDS
 from omnilab.errors import ConfigError, DataError, OmnilabError, did_you_mean, of_machine, visible
+from omnilab.runner.discovery import discover_loudly
 from omnilab.runner.interrupts import uninterrupted
 from omnilab.runner.manual import settings_data, settings_of
 from omnilab.runner.registry import Component, Registry, discover
 from omnilab.runner.repair import mend, mend_copy
 from omnilab.runner.run_folder import UNREADABLE, LoadedRun, find_runs, load_run, new_folder_name
 from omnilab.runner.streams import unwritten
+from omnilab.runner.sweeps.commands import sweep
 from omnilab.runner.terminal import headline, print_error, print_table, short, show_run
 
 LIMITS_OFF = "limits=off"
@@ -108,16 +110,6 @@ def _plugins_command(name: str) -> hooks.Command:
             + registry.failed
         )
     return commands[name]
-
-
-def discover_loudly() -> Registry:
-    """All plugins; a line on standard error for each that failed, or has words of the version before."""
-    registry = discover()
-    for note in registry.notes:
-        print_error(note)
-    for failure in registry.failures:
-        print_error(f"{failure.sentence} (omnilab plugins -v shows the traceback)")
-    return registry
 
 
 def plugins(argv: list[str]) -> int:
@@ -318,4 +310,5 @@ COMMANDS: dict[str, hooks.Command] = {
     "runs": runs,
     "repeat": repeat,
     "repair": repair,
+    "sweep": sweep,
 }

@@ -30,6 +30,7 @@ from omnilab.runner.recorder import ProgressFile, Recorder
 from omnilab.runner.registry import Registry
 from omnilab.runner.run_folder import DONE, FAILED, INTERRUPTED, WARNINGS, RunFolder, origin
 from omnilab.runner.signature_cache import SignatureCache
+from omnilab.runner.sweeps.identity import job_identity
 
 SHOWN = 3  # warnings above a summary
 OFF = ("off", "false")  # what YAML makes of off
@@ -164,14 +165,16 @@ def manifest_of(
     run: Run, registry: Registry, overrides: Sequence[str], experiment: str, config_yaml: str
 ) -> dict[str, Any]:
     """What is needed to know, and to repeat, a run."""
+    files = file_digests("", run)
     return {
         "id": new_id(),
         "experiment": experiment,
         "overrides": list(overrides),
+        "identity": job_identity(run, registry, files),
         "seed": run.seed,
         "config_hash": hashlib.sha256(config_yaml.encode()).hexdigest(),
         "components": named_components(run, registry),
-        "files": file_digests("", run),
+        "files": files,
         "plugins_failed": [failure.sentence for failure in registry.failures],
         **origin(),
     }

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, ClassVar, cast
@@ -28,10 +29,15 @@ from omnilab.runner.objective import Value, check_sweep, described, value_of
 from omnilab.runner.overrides.command_line import for_hydra, quoted
 from omnilab.runner.overrides.compose_errors import sentence
 from omnilab.runner.registry import Registry, discover
-from omnilab.runner.run_folder import DONE, FAILED, RunFolder, new_folder_name, origin, summarize, write_csv
-from omnilab.runner.run_folder.lock import LOCK, RunLock, lock_sweep
+from omnilab.runner.run_folder import DONE, FAILED, RunFolder, new_folder_name, origin, write_csv
 from omnilab.runner.run_folder.names import SUMMARY
 from omnilab.runner.streams import outlast
+from omnilab.runner.sweeps.active import ActiveSweep
+from omnilab.runner.sweeps.identity import job_identity
+from omnilab.runner.sweeps.jobs import JOB, JobLife
+from omnilab.runner.sweeps.start import Resumption, begun, resumption
+from omnilab.runner.sweeps.state import TO_RESUME
+from omnilab.runner.sweeps.table import table
 from omnilab.runner.terminal import headline, print_error, print_summary, print_table, short, show_run
 
 IN_SWEEP = (
@@ -40,22 +46,25 @@ IN_SWEEP = (
 
 
 def experiment(argv: list[str], registry: Registry) -> int:
-    """Compose the configuration with Hydra and run it, once or as a sweep. Returns the exit code."""
+    """Compose the configuration with Hydra and run it, once or as a sweep, also one that was begun before.
+
+    Returns the exit code.
+    """
+    Sweep.command, (argv, Sweep.resumed) = argv, resumption(argv)
     OmegaConf.register_new_resolver("omnilab_folder", new_folder_name, use_cache=True, replace=True)
     OmegaConf.register_new_resolver("omnilab_logs", logs_folder, replace=True)
     task = Task(registry)
     os.environ["HYDRA_FULL_ERROR"] = "1"  # exceptions come to us instead of being printed by Hydra
     argv = for_hydra(argv, registry)
     sys.argv = [sys.argv[0], *argv]
-    Sweep.folder, all_begun = None, False
+    ActiveSweep.now, all_begun = None, False
     with HeldSignals() as signals:
         try:
             with signals.heard():
                 _hydra(task, argv, registry)
             all_begun = True
         finally:  # also when it was interrupted, or a job ended it
-            code = _end_sweep(task.begun, all_begun)
-            Sweep.release()
+            code = _end_sweep(all_begun)
     if task.error:
         raise task.error
     return code
@@ -91,7 +100,6 @@ class Task:
     def __init__(self, registry: Registry | None = None) -> None:
         self.registry = registry
         self.error: Exception | None = None  # which Hydra would print its own lines about
-        self.begun: dict[str, list[str]] = {}  # the jobs of a sweep in this process: their overrides
 
     def __reduce__(self) -> tuple[type[Task], tuple[()]]:
         return Task, ()  # plugins that failed need not pickle
@@ -107,10 +115,10 @@ class Task:
         name = str(state.runtime.choices.get("experiment"))
         _say_new_names(state.runtime.choices, self.registry)
         if state.mode is RunMode.MULTIRUN:
-            if state.sweep.subdir == IN_SWEEP:
-                folder /= str(state.job.num)
-            self.begun[folder.name] = overrides
-            return run_job(config, self.registry, folder, overrides, name)
+            number = int(state.job.env_set[JOB])
+            folder = folder / str(number) if state.sweep.subdir == IN_SWEEP else folder
+            life = JobLife(number, folder, Path(_as_is(state.sweep)["dir"]).absolute(), print_error)
+            return run_job(config, self.registry, life, overrides, name)
         try:
             report = _run(config, self.registry, folder, overrides, name, lambda report: show_run(report, folder))
             if config.objective is not None:
@@ -120,11 +128,12 @@ class Task:
         return None
 
 
-def run_job(config: DictConfig, registry: Registry, folder: Path, overrides: list[str], name: str) -> Value:
+def run_job(config: DictConfig, registry: Registry, life: JobLife, overrides: list[str], name: str) -> Value:
     """One job of a sweep: build, execute, show what came out. A failure is noted, and the other jobs go on.
 
     Returns what a sweeper is told: the objective, or why there is none.
     """
+    folder, failure = life.folder, None
     computed: list[Report] = []
 
     def show(report: Report) -> None:
@@ -133,17 +142,21 @@ def run_job(config: DictConfig, registry: Registry, folder: Path, overrides: lis
 
     print_error(f"job {folder.name}: {' '.join(overrides)}")
     try:
+        if not life.begin(lambda: job_identity(_built(config, registry), registry)):
+            return "another process runs the job, or has"
         report = _run(config, registry, folder, overrides, name, show)
     except Exception as error:  # noqa: BLE001  bugs are shown in full; the other jobs must not pay for them
         for report in computed:  # which may not be on the disk
             show_run(report, folder)
-        mistake = mistake_of(error, registry)
-        _note_failure(folder, overrides, name, mistake or error)
-        if mistake is None:
-            traceback.print_exception(error)
+        failure = mistake_of(error, registry) or error
+        _note_failure(folder, overrides, name, failure)
+        if isinstance(failure, OmnilabError):
+            print_error(str(failure))
         else:
-            print_error(str(mistake))
+            traceback.print_exception(error)
         return "the job failed"
+    finally:
+        life.end(overrides, failure)
     try:
         return value_of(config.objective, _values(report))
     except ConfigError as mistake:  # of a study that does not say beforehand which metrics it has
@@ -217,22 +230,32 @@ def _note_failure(folder: Path, overrides: list[str], name: str, error: Exceptio
             print_error(str(why))
 
 
-def _end_sweep(begun: Mapping[str, Sequence[str]], all_begun: bool) -> int:
+def _end_sweep(all_begun: bool) -> int:
     """Print and write the table over all jobs that were begun; the exit code. 0 where there is no sweep."""
-    folder = Sweep.folder
-    if folder is None or not folder.is_dir():
+    sweep, ActiveSweep.now = ActiveSweep.now, None
+    if sweep is None:
         return 0
-    header, rows = summarize(folder, begun)
+    try:
+        return _show_sweep(sweep, all_begun) if sweep.folder.is_dir() else 1
+    finally:
+        sweep.release()
+
+
+def _show_sweep(sweep: ActiveSweep, all_begun: bool) -> int:
+    found = sweep.load()
+    header, rows = table(found.jobs)
     if not rows:
         if all_begun:
             print_error("the sweep has no job: one of its values, such as glob(...), matches nothing; correct that one")
         return 1
-    file, failed = folder / SUMMARY, sum(row[header.index("status")] != DONE for row in rows)
+    file, failed = sweep.folder / SUMMARY, sum(row[header.index("status")] != DONE for row in rows)
     print_summary(header, rows, title=str(short(file)))
     if failed:
         print_error(
             f"{failed} of {len(rows)} jobs did not end well; the lines above say why, and so does the status.json of each"
         )
+    if left := sum(job.state in TO_RESUME for job in found.jobs) + found.unplanned:
+        print_error(f"{left} jobs are still to be done: omnilab sweep resume {shlex.quote(str(short(sweep.folder)))}")
     try:
         write_csv(file, header, rows)
     except OSError as error:
@@ -241,7 +264,7 @@ def _end_sweep(begun: Mapping[str, Sequence[str]], all_begun: bool) -> int:
             f"{short(file)} cannot be written ({error.strerror}), so the whole table was printed; make room there"
         )
         return 2
-    return 1 if failed else 0
+    return 1 if failed or left else 0
 
 
 class SweepRefusedError(BaseException):
@@ -253,13 +276,13 @@ class SweepRefusedError(BaseException):
 
 
 class Sweep:
-    """A Hydra callback that knows where the jobs of a sweep are, and keeps other sweeps from there."""
+    """A Hydra callback that begins a sweep, or goes on with it, and keeps other sweeps from its folder."""
 
-    folder: ClassVar[Path | None] = None  # of the sweep that was begun
-    lock: ClassVar[RunLock | None] = None
+    command: ClassVar[list[str]] = []
+    resumed: ClassVar[Resumption | None] = None
 
     def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
-        """All jobs go into one folder, also where a sweep is over experiments."""
+        """All jobs go into one folder, also where a sweep is over experiments, and are launched as `SweepLauncher` does."""
         try:
             literal_folder = literal(str(config.hydra.sweep.dir))
         except OmegaConfBaseException:
@@ -269,22 +292,12 @@ class Sweep:
         try:
             check_sweep(config)
             folder.mkdir(parents=True, exist_ok=True)
-            Sweep.lock = lock_sweep(folder)
+            sweep = begun(folder, config, self.command, self.resumed, print_error)
         except OSError:
             return  # and upon this
         except OmnilabError as mistake:
             raise SweepRefusedError(mistake) from mistake
-        Sweep.folder = folder
-
-    @classmethod
-    def release(cls) -> None:
-        """Let other sweeps into the folder, which say that it is taken; without its lock where nothing was begun."""
-        if cls.lock is not None:
-            if cls.folder and [path.name for path in cls.folder.glob("*")] == [LOCK]:
-                with suppress(OSError):  # then it stays, and says that nobody holds it
-                    (cls.folder / LOCK).unlink()
-            cls.lock.release()
-            cls.lock = None
+        ActiveSweep.now = sweep
 
     def __getattr__(self, name: str) -> Callable[..., None]:
         if name.startswith("on_"):  # Hydra calls every event on every callback

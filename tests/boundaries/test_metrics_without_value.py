@@ -12,7 +12,9 @@ from omnilab.api import Metric, Record, Report, Text, Tick
 from omnilab.errors import DataError
 from omnilab.runner.execute import _log_results
 from omnilab.runner.recorder import Recorder
-from omnilab.runner.run_folder import DONE, RunFolder, load_run, summarize
+from omnilab.runner.run_folder import DONE, RunFolder, load_run
+from omnilab.runner.sweeps import load_sweep
+from omnilab.runner.sweeps.table import table
 from omnilab.runner.terminal import headline, show_run
 
 NAN = math.nan
@@ -72,7 +74,7 @@ def test_it_is_shown_with_the_reason(folder: Path, capsys: pytest.CaptureFixture
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert ["closure_precision", "no", "loop", "was", "closed"] in lines
     assert headline(load_run(folder).metrics) == "closure_precision –, rate 0.3, error –"
-    header, rows = summarize(folder.parent)
+    header, rows = table(load_sweep(folder.parent).jobs)
     assert rows[0][header.index("closure_precision")] == ""
     assert "nan" not in rows[0]
 

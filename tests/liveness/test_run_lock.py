@@ -350,8 +350,8 @@ def test_a_second_sweep_into_a_folder_runs_no_job(omnilab_here, tmp_path, monkey
     second = omnilab_here(*SWEEP, "study.answer=3,4,5")
     assert (second.rc, second.stdout) == (2, "")
     assert second.stderr == (
-        "omnilab: logs/s holds a sweep already, whose jobs are not mixed with others; give another hydra.run.dir (of a"
-        " sweep: hydra.sweep.dir)\n"
+        "omnilab: logs/s holds a sweep already; go on with it (omnilab sweep resume logs/s), or give another"
+        " hydra.sweep.dir\n"
     )
     assert before == {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
 

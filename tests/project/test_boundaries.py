@@ -61,16 +61,18 @@ CONTRACT = set(MAY_IMPORT) - {"runner", "__main__"}  # what plugins may import
 THIRD_PARTY = {  # which modules of omnilab may import what, beside numpy
     "hydra": {
         "runner.registry", "runner.config", "runner.build", "runner.hydra_app", "runner.overrides.command_line",
+        "runner.sweeps.launcher", "runner.sweeps.plan_file",
     },
     "omegaconf": {
         "runner.registry", "runner.config", "runner.build", "runner.execute", "runner.hydra_app", "runner.input_files",
         "runner.objective", "runner.overrides.command_line", "runner.overrides.compose_errors",
+        "runner.sweeps.launcher", "runner.sweeps.start",
     },
     "pluggy": {"hooks", "runner.registry"},
     "cv2": {"image", "cameras.reproject"},
     "rich": {"runner.cli", "runner.console_sink", "runner.terminal"},
     "threadpoolctl": {"runner.execute"},
-    "yaml": {"runner.run_folder.reading", "cameras.formats.safe_yaml"},
+    "yaml": {"runner.run_folder.reading", "runner.sweeps.plan_file", "cameras.formats.safe_yaml"},
 }  # fmt: skip
 LAZY = {"cv2", "rich", "threadpoolctl", "yaml"}  # within functions only: importing omnilab is free of work
 HEAVY = {"cv2", "gtsam", "matplotlib", "mcap", "numba", "rerun", "scipy", "skimage"}

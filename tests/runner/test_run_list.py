@@ -10,7 +10,9 @@ import pytest
 
 from omnilab.api import Metric, Report
 from omnilab.errors import DataError
-from omnilab.runner.run_folder import DONE, RunFolder, find_runs, load_run, summarize
+from omnilab.runner.run_folder import DONE, RunFolder, find_runs, load_run
+from omnilab.runner.sweeps import load_sweep
+from omnilab.runner.sweeps.table import table
 from omnilab.runner.terminal import print_error, print_table
 
 WORLD = Path(__file__).parents[1] / "box_world.yaml"
@@ -116,7 +118,7 @@ def test_any_damage_of_a_run_is_that_runs_row(omnilab_here, tmp_path, file, text
     assert damaged.split()[:2] == ["grid/b", "unreadable"]
     assert f"{file} cannot be read (" in damaged
     assert not [word for word in ("char ", "Errno", "codec", "DictReader", "line 1 column") if word in damaged]
-    header, rows = summarize(logs / "grid")
+    header, rows = table(load_sweep(logs / "grid").jobs)
     assert [row[header.index("status")] for row in rows] == ["done", "unreadable", "done"]
 
 

@@ -14,7 +14,6 @@ from omnilab.runner.run_folder.names import (
 )
 from omnilab.runner.run_folder.origin import origin
 from omnilab.runner.run_folder.reading import LoadedRun, find_runs, load_run
-from omnilab.runner.run_folder.summary import summarize
 from omnilab.runner.run_folder.tables import write_csv
 from omnilab.runner.run_folder.writing import RunFolder, metric_row
 
@@ -35,6 +34,5 @@ __all__ = [
     "new_folder_name",
     "origin",
     "point_latest",
-    "summarize",
     "write_csv",
 ]

@@ -16,12 +16,14 @@ import stat
 import threading
 import time
 import weakref
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import NoneType
 from typing import Any, Self
 
 from omnilab.errors import DataError
+from omnilab.file_kinds import content_of
 from omnilab.runner.run_folder import process
 from omnilab.runner.run_folder.names import (
     CONFIG,
@@ -81,8 +83,11 @@ class Holder:
             content = json.loads(text)
         except (ValueError, RecursionError):
             return None
-        if not isinstance(content, dict):
-            return None
+        return cls.of(content) if isinstance(content, dict) else None
+
+    @classmethod
+    def of(cls, content: Mapping[str, Any]) -> Self | None:
+        """None if this is not what a lock says."""
         found: dict[str, Any] = {name: content.get(name) for name in TYPES}
         return cls(**found) if all(type(found[name]) in types for name, types in TYPES.items()) else None
 
@@ -128,7 +133,7 @@ def lock_state(folder: Path) -> LockState | None:
     """What the lock of a run folder says; None if there is none. Writes nothing, waits for nothing."""
     try:
         descriptor = os.open(folder / LOCK, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW)
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return None
     except OSError as error:
         return LockState(SILENT, RUN, f"({LOCK} cannot be read: {error.strerror})")
@@ -138,6 +143,15 @@ def lock_state(folder: Path) -> LockState | None:
         return _judged(descriptor, free)
     finally:
         os.close(descriptor)
+
+
+def is_mine(folder: Path) -> bool:
+    """Whether the lock of a folder is, or was, this process's."""
+    try:
+        found = Holder.read(content_of(folder / LOCK, LARGEST_BYTES))
+    except OSError:
+        return False
+    return found is not None and replace(found, purpose=RUN, flock=True) == Holder.here(RUN, flock=True)
 
 
 def _judged(descriptor: int, free: bool | None) -> LockState:
@@ -316,7 +330,10 @@ def _check_no_sweep(folder: Path) -> None:
     if (folder / SUMMARY).is_file() or any(folder.glob(f"*/{STATUS}")):
         if (found := lock_state(folder)) and found.state == RUNNING:
             raise DataError(f"{found.sentence(folder)}; {ELSEWHERE}")
-        raise DataError(f"{folder} holds a sweep already, whose jobs are not mixed with others; {ELSEWHERE}")
+        raise DataError(
+            f"{folder} holds a sweep already; go on with it (omnilab sweep resume {shlex.quote(str(folder))}),"
+            " or give another hydra.sweep.dir"
+        )
 
 
 def _write(descriptor: int, holder: Holder) -> None:

@@ -47,7 +47,7 @@ class LoadedRun:
     @cached_property
     def config(self) -> dict[str, Any]:
         """The resolved configuration."""
-        return self._read(CONFIG, _yaml, study=dict)
+        return self._read(CONFIG, safe_yaml, study=dict)
 
     @cached_property
     def metrics(self) -> dict[str, float]:
@@ -194,7 +194,7 @@ def _csv_rows(text: str) -> list[list[str]]:
     return rows
 
 
-def _yaml(text: str) -> Any:
+def safe_yaml(text: str) -> Any:
     """The content of a YAML file; ValueError if it has aliases or deep brackets: none of ours has, and they fill any memory."""
     import yaml
 
