@@ -283,7 +283,7 @@ class Study(Protocol):
     """Drives components and measures. `needs` names the parts without which it cannot run.
 
     A study of what describing costs says `cached: ClassVar[bool] = False`: its descriptors describe each time, not from the
-    cache. With its `metric_names: ClassVar[tuple[str, ...]]`, a misspelt `objective` is refused; see `omnilab.runner.objective`.
+    cache. With its `metric_names: ClassVar[tuple[str, ...]]`, a misspelt `objective` is refused; see `omnilab.runner.sweeps.objective`.
     """
 
     needs: ClassVar[tuple[str, ...]]

@@ -19,10 +19,10 @@ from omnilab.runner.boundaries import check_declared
 from omnilab.runner.config import Run, Settings, components_of, literal, logs_folder, structured
 from omnilab.runner.input_files import file_digests, leaves, listed, unknown_inputs
 from omnilab.runner.map_file import about_map, map_file
-from omnilab.runner.objective import check_objective
 from omnilab.runner.overrides.compose_errors import not_inserted, sentence
 from omnilab.runner.overrides.setting_types import wanted
 from omnilab.runner.registry import DICTS, Registry, members
+from omnilab.runner.sweeps.objective import check_objective
 
 LONGEST_TEXT = 4096  # characters, as of a path
 

@@ -25,7 +25,6 @@ from omnilab.runner.build import build
 from omnilab.runner.config import Run, literal, logs_folder
 from omnilab.runner.execute import execute
 from omnilab.runner.interrupts import HeldSignals
-from omnilab.runner.objective import Value, check_sweep, described, value_of
 from omnilab.runner.overrides.command_line import for_hydra, quoted
 from omnilab.runner.overrides.compose_errors import sentence
 from omnilab.runner.registry import Registry, discover
@@ -35,6 +34,7 @@ from omnilab.runner.streams import outlast
 from omnilab.runner.sweeps.active import ActiveSweep
 from omnilab.runner.sweeps.identity import job_identity
 from omnilab.runner.sweeps.jobs import JOB, JobLife
+from omnilab.runner.sweeps.objective import Value, check_sweep, described, value_of
 from omnilab.runner.sweeps.start import Resumption, begun, resumption
 from omnilab.runner.sweeps.state import TO_RESUME
 from omnilab.runner.sweeps.table import table

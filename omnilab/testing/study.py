@@ -9,8 +9,8 @@ import numpy as np
 
 from omnilab import api
 from omnilab.runner.boundaries import check_report
-from omnilab.runner.objective import is_declared
 from omnilab.runner.recorder import Recorder
+from omnilab.runner.sweeps.objective import is_declared
 from omnilab.testing.common import check_common, expect
 
 

@@ -65,7 +65,7 @@ THIRD_PARTY = {  # which modules of omnilab may import what, beside numpy
     },
     "omegaconf": {
         "runner.registry", "runner.config", "runner.build", "runner.execute", "runner.hydra_app", "runner.input_files",
-        "runner.objective", "runner.overrides.command_line", "runner.overrides.compose_errors",
+        "runner.sweeps.objective", "runner.overrides.command_line", "runner.overrides.compose_errors",
         "runner.sweeps.launcher", "runner.sweeps.start",
     },
     "pluggy": {"hooks", "runner.registry"},

@@ -12,9 +12,9 @@ from omegaconf import OmegaConf
 
 from omnilab.errors import ConfigError
 from omnilab.runner.hydra_app import SweepRefusedError
-from omnilab.runner.objective import check_objective, described, is_declared, value_of
 from omnilab.runner.registry import discover
 from omnilab.runner.run_folder import load_run
+from omnilab.runner.sweeps.objective import check_objective, described, is_declared, value_of
 from omnilab_studies import Grid
 
 RUNS = Path(__file__).parents[1] / "data" / "runs_0_1"

@@ -20,13 +20,13 @@ from omegaconf import DictConfig, open_dict, read_write
 
 from omnilab.errors import OmnilabError
 from omnilab.runner.build import build
-from omnilab.runner.objective import value_of
 from omnilab.runner.registry import discover
 from omnilab.runner.run_folder.names import DONE, INTERRUPTED, KILLED, RUNNING
 from omnilab.runner.sweeps.active import ActiveSweep
 from omnilab.runner.sweeps.identity import job_identity
 from omnilab.runner.sweeps.job_log import PLANNED
 from omnilab.runner.sweeps.jobs import JOB
+from omnilab.runner.sweeps.objective import value_of
 from omnilab.runner.sweeps.state import Job
 
 TARGET = "hydra_plugins.omnilab.SweepLauncher"  # Hydra asks its plugins to have such a name
