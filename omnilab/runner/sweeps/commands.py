@@ -13,7 +13,13 @@ from omnilab.runner.sweeps.plan_file import PLAN, SweepPlan, read_plan
 from omnilab.runner.sweeps.start import RESUME, RETRY
 from omnilab.runner.terminal import print_error
 
-PLAIN = re.compile(r"hydra/(launcher|sweeper|sweeper/sampler)=\w+|hydra\.(launcher|sweeper)\.[\w.]+=[\w.+-]+")
+NUMBERS = (  # settings of launchers and sweepers that name neither code nor commands of a shell
+    "n_jobs", "n_trials", "max_batch_size", "max_failure_rate", "seed", "direction", "timeout_min", "cpus_per_task", "nodes",
+    "gpus_per_node", "tasks_per_node", "mem_gb", "partition", "qos", "account", "array_parallelism", "num_cpus", "num_gpus",
+)  # fmt: skip
+PLAIN = re.compile(
+    rf"hydra/(launcher|sweeper|sweeper/sampler)=\w+|hydra\.(launcher|sweeper)(\.[a-z]+)*\.({'|'.join(NUMBERS)})=[\w.+-]+"
+)
 
 
 def sweep(argv: list[str]) -> int:
