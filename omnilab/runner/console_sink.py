@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from omnilab.api import Progress, Record, Text, Tick
 from omnilab.errors import visible
@@ -13,6 +14,7 @@ from omnilab.hooks import Register, hookimpl
 
 if TYPE_CHECKING:
     from rich.console import Console as RichConsole
+    from rich.console import RenderableType
 
 
 @dataclass
@@ -20,6 +22,8 @@ class Console:
     """Progress bars on a terminal; one line per finished stage elsewhere."""
 
     bars: bool = True  # False: lines on a terminal too
+    heading: ClassVar[str] = ""  # a line above the bars: how the sweep stands
+    quiet: ClassVar[bool] = False  # whether a display of all jobs has the terminal
 
     def __post_init__(self) -> None:
         self._console: RichConsole | None = None
@@ -30,21 +34,28 @@ class Console:
         from rich.console import Console as RichConsole
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+        class Bars(Progress):
+            def get_renderables(self) -> Iterator[RenderableType]:
+                if Console.heading:
+                    yield Console.heading
+                yield from super().get_renderables()
+
         self._console = RichConsole(stderr=True)
-        if self.bars and self._console.is_terminal:
+        if self.bars and self._console.is_terminal and not Console.quiet:
             columns = (
                 TextColumn("{task.description:<22}", markup=False),
                 BarColumn(),
                 MofNCompleteColumn(),
                 TimeElapsedColumn(),
             )
-            self._progress = Progress(*columns, console=self._console)
+            self._progress = Bars(*columns, console=self._console)
             self._progress.start()
 
     def write(self, path: str, record: Record, tick: Tick | None) -> None:  # noqa: ARG002
         assert self._console is not None
         if isinstance(record, Progress):
-            self._show(record)
+            if not Console.quiet:
+                self._show(record)
         elif isinstance(record, Text) and not record.markdown and record.level != "INFO":
             self._console.print(
                 f"{record.level.lower()}: {visible(record.text)}", highlight=False, markup=False, soft_wrap=True

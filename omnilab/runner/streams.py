@@ -8,8 +8,9 @@ from __future__ import annotations
 import io
 import os
 import sys
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import TextIO, cast
 
 
@@ -86,3 +87,39 @@ def unwritten() -> str:
     if error is None or isinstance(error, BrokenPipeError):
         return ""
     return str(getattr(error, "strerror", None) or error)
+
+
+@contextmanager
+def printed_into(file: Path) -> Iterator[None]:
+    """Within it all that this process prints, C libraries too, goes to the end of a file; nowhere if there can be none."""
+    _flush()
+    before = [os.dup(number) for number in (1, 2)]
+    target = _appended(file)
+    for number in (1, 2):
+        os.dup2(target, number)
+    try:
+        yield
+    finally:
+        _flush()
+        empty = os.fstat(target).st_size == 0
+        for number, own in zip((1, 2), before, strict=True):
+            os.dup2(own, number)
+            os.close(own)
+        os.close(target)
+        if empty:
+            with suppress(OSError):
+                file.unlink()
+
+
+def _flush() -> None:
+    for stream in (sys.stdout, sys.stderr):
+        stream.flush()
+
+
+def _appended(file: Path) -> int:
+    """A descriptor that writes to the end of a file, or to nowhere."""
+    try:
+        file.parent.mkdir(exist_ok=True)
+        return os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o666)
+    except OSError:
+        return os.open(os.devnull, os.O_WRONLY)

@@ -70,7 +70,10 @@ THIRD_PARTY = {  # which modules of omnilab may import what, beside numpy
     },
     "pluggy": {"hooks", "runner.registry"},
     "cv2": {"image", "cameras.reproject"},
-    "rich": {"runner.cli", "runner.console_sink", "runner.terminal"},
+    "rich": {
+        "runner.cli", "runner.console_sink", "runner.terminal", "runner.sweeps.display", "runner.sweeps.status_commands",
+        "runner.sweeps.status_table",
+    },
     "threadpoolctl": {"runner.execute"},
     "yaml": {"runner.run_folder.reading", "runner.sweeps.plan_file", "cameras.formats.safe_yaml"},
 }  # fmt: skip
