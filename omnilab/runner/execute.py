@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from omegaconf import OmegaConf
 
-from omnilab.api import KINDS, Parts, Report, RunResult, Text, is_cached
+from omnilab.api import KINDS, Parts, Progress, Report, RunResult, Text, is_cached
 from omnilab.errors import OmnilabError, of_machine
 from omnilab.limits import limited
 from omnilab.manifest import new_id
@@ -33,6 +33,7 @@ from omnilab.runner.signature_cache import SignatureCache
 from omnilab.runner.sweeps.identity import job_identity
 
 SHOWN = 3  # warnings above a summary
+RESULTS = "results"  # the last stage: they are being written
 OFF = ("off", "false")  # what YAML makes of off
 
 log = logging.getLogger("omnilab")
@@ -65,6 +66,7 @@ def execute(
                         report = _studied(run, registry, cache, recorder)
                     recorder.result = RunResult(DONE, report.metrics)
                     with signals.held():
+                        progress.note(Progress(RESULTS, 0, 0))
                         _write(report, run, registry, run_folder, recorder, show)
                         if not run_folder.missing:
                             last_status = {"status": DONE}

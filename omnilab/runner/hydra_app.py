@@ -7,7 +7,7 @@ import shlex
 import sys
 import traceback
 from collections.abc import Callable, Mapping
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any, ClassVar, cast
 
@@ -30,7 +30,7 @@ from omnilab.runner.overrides.compose_errors import sentence
 from omnilab.runner.registry import Registry, discover
 from omnilab.runner.run_folder import DONE, FAILED, RunFolder, new_folder_name, origin, write_csv
 from omnilab.runner.run_folder.names import SUMMARY
-from omnilab.runner.streams import outlast
+from omnilab.runner.streams import outlast, printed_into
 from omnilab.runner.sweeps.active import ActiveSweep
 from omnilab.runner.sweeps.identity import job_identity
 from omnilab.runner.sweeps.jobs import JOB, JobLife
@@ -40,6 +40,7 @@ from omnilab.runner.sweeps.state import TO_RESUME
 from omnilab.runner.sweeps.table import table
 from omnilab.runner.terminal import headline, print_error, print_summary, print_table, short, show_run
 
+OUTPUT = "output"  # the folder in that of a sweep for what jobs print in other processes
 IN_SWEEP = (
     "."  # hydra.sweep.subdir, unless it is given: each job's folder is made by the job, so that it may fail alone
 )
@@ -98,7 +99,7 @@ class Task:
     """What Hydra calls for each job. In a worker of a parallel launcher it is a copy, which looks for plugins itself."""
 
     def __init__(self, registry: Registry | None = None) -> None:
-        self.registry = registry
+        self.registry, self.is_copy = registry, registry is None  # whose words would mix with those of others
         self.error: Exception | None = None  # which Hydra would print its own lines about
 
     def __reduce__(self) -> tuple[type[Task], tuple[()]]:
@@ -113,12 +114,14 @@ class Task:
         folder = Path(_as_is(state.runtime)["output_dir"])
         overrides = _as_is(state.overrides)["task"]
         name = str(state.runtime.choices.get("experiment"))
-        _say_new_names(state.runtime.choices, self.registry)
         if state.mode is RunMode.MULTIRUN:
             number = int(state.job.env_set[JOB])
             folder = folder / str(number) if state.sweep.subdir == IN_SWEEP else folder
             life = JobLife(number, folder, Path(_as_is(state.sweep)["dir"]).absolute(), print_error)
-            return run_job(config, self.registry, life, overrides, name)
+            with printed_into(life.sweep / OUTPUT / f"{number}.log") if self.is_copy else nullcontext():
+                _say_new_names(state.runtime.choices, self.registry)
+                return run_job(config, self.registry, life, overrides, name)
+        _say_new_names(state.runtime.choices, self.registry)
         try:
             report = _run(config, self.registry, folder, overrides, name, lambda report: show_run(report, folder))
             if config.objective is not None:

@@ -24,7 +24,7 @@ from omnilab.runner.run_folder.progress import RunProgress
 from omnilab.runner.sweeps import display as display_module
 from omnilab.runner.sweeps.display import SweepDisplay
 from omnilab.runner.sweeps.job_log import PLANNED, log_of
-from omnilab.runner.sweeps.plan_file import Plan
+from omnilab.runner.sweeps.plan_file import SweepPlan
 from omnilab.runner.sweeps.snapshot import Snapshot
 from omnilab.runner.sweeps.state import Job, LoadedSweep
 from omnilab.runner.sweeps.status_table import advice, board, duration
@@ -52,7 +52,7 @@ def seen(
     *jobs: Job, planned: int = 0, launcher: str = "joblib", progress: dict[int, RunProgress] | None = None
 ) -> Snapshot:
     varied = {"descriptor.angles": ["45", "90"], "seed": ["0", "1"]}
-    plan = Plan(["-m", "x=1,2"], "/", "grid", varied, planned or len(jobs), launcher, "basic", "0.1")
+    plan = SweepPlan(["-m", "x=1,2"], "/", "grid", varied, planned or len(jobs), launcher, "basic", "0.1")
     return Snapshot(LoadedSweep(Path("/logs/grid/x"), plan, list(jobs)), progress or {}, LEADS, NOW.timestamp())
 
 
@@ -199,7 +199,7 @@ def test_on_a_terminal_the_table_goes_and_what_failed_stays(sweep, capsys, how):
     out = console.file.getvalue()
     assert "0 of 3 jobs done" in out
     assert out.count("\x1b[?25l") == out.count("\x1b[?25h") == 1  # the cursor is back
-    assert capsys.readouterr().err == "omnilab: job 0 (angles=45, seed=0) killed after 11 s: its process died\n"
+    assert capsys.readouterr().err == "omnilab: job 0 (angles=45, seed=0) killed: its process died\n"
 
 
 def test_jobs_of_this_process_draw_their_own_bars_under_a_line_about_all(sweep, capsys):
@@ -251,7 +251,7 @@ def on_disk(tmp_path: Path) -> Path:
     """A sweep of four jobs that was cut off."""
     folder = tmp_path / "logs" / "grid" / "mine"
     folder.mkdir(parents=True)
-    Plan(["-m", "seed=1,2,3,4"], str(tmp_path), "grid", {"seed": list("1234")}, 4, "joblib", "basic", "0.1").write(
+    SweepPlan(["-m", "seed=1,2,3,4"], str(tmp_path), "grid", {"seed": list("1234")}, 4, "joblib", "basic", "0.1").write(
         folder
     )
     log = log_of(folder)

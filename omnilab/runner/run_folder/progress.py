@@ -45,7 +45,7 @@ class RunProgress:
         if not self.stage:
             return ""
         if self.fraction is None:
-            return f"({visible(self.stage)} {self.done})"
+            return f"({visible(self.stage)}{f' {self.done}' if self.done else ''})"
         return f"{math.floor(100 * self.fraction)} % ({visible(self.stage)} {self.done} of {self.total})"
 
     @property

@@ -1,4 +1,4 @@
-"""The command `omnilab sweep`: go on with a sweep."""
+"""The command `omnilab sweep`: go on with a sweep, watch it, list those there are."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.runner.discovery import discover_loudly
 from omnilab.runner.sweeps.plan_file import PLAN, SweepPlan, read_plan
 from omnilab.runner.sweeps.start import RESUME, RETRY
+from omnilab.runner.sweeps.status_commands import list_arguments, list_sweeps, status, status_arguments
 from omnilab.runner.terminal import print_error
 
 NUMBERS = (  # settings of launchers and sweepers that name neither code nor commands of a shell
@@ -26,9 +27,9 @@ def sweep(argv: list[str]) -> int:
     """Go on with a sweep, watch it, or list the sweeps there are."""
     parser = argparse.ArgumentParser("omnilab sweep", description=sweep.__doc__)
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for command in (resume,):
-        sub = commands.add_parser(command.__name__, help=command.__doc__, description=command.__doc__)
-        ARGUMENTS[command.__name__](sub)
+    for name, (command, add_arguments) in COMMANDS.items():
+        sub = commands.add_parser(name, help=command.__doc__, description=command.__doc__)
+        add_arguments(sub)
         sub.set_defaults(command=command)
     options = parser.parse_args(argv)
     return int(options.command(options))
@@ -74,4 +75,8 @@ def checked_words(plan: SweepPlan, folder: Path, trust: bool) -> list[str]:
     return list(plan.command)
 
 
-ARGUMENTS = {"resume": _resume_arguments}
+COMMANDS = {
+    "resume": (resume, _resume_arguments),
+    "status": (status, status_arguments),
+    "list": (list_sweeps, list_arguments),
+}

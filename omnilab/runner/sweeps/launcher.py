@@ -23,6 +23,7 @@ from omnilab.runner.build import build
 from omnilab.runner.registry import discover
 from omnilab.runner.run_folder.names import DONE, INTERRUPTED, KILLED, RUNNING
 from omnilab.runner.sweeps.active import ActiveSweep
+from omnilab.runner.sweeps.display import SweepDisplay
 from omnilab.runner.sweeps.identity import job_identity
 from omnilab.runner.sweeps.job_log import PLANNED
 from omnilab.runner.sweeps.jobs import JOB
@@ -43,6 +44,7 @@ class SweepLauncher(Launcher):
     def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
         assert ActiveSweep.now is not None
         self._sweep, self._context = ActiveSweep.now, hydra_context
+        self._display = SweepDisplay(self._sweep.load)
         self._registry = getattr(task_function, "registry", None) or discover()
         self._config = config.copy()
         with read_write(self._config), open_dict(self._config):
@@ -56,9 +58,10 @@ class SweepLauncher(Launcher):
         jobs = self._sweep.plan(job_overrides)
         stand = self._stand(jobs)
         to_run = {n: jobs[n] for n in jobs if self._sweep.to_run(stand[n], lambda n=n: self._identity(jobs[n]))}  # type: ignore[misc]
-        returned = self._survive(to_run)
-        ended = self._settled([n for n in jobs if stand[n].state == RUNNING], patience_s=0)
-        returned |= self._survive({n: jobs[n] for n, job in ended.items() if job.state in CUT_OFF})
+        with self._display:
+            returned = self._survive(to_run)
+            ended = self._settled([n for n in jobs if stand[n].state == RUNNING], patience_s=0)
+            returned |= self._survive({n: jobs[n] for n, job in ended.items() if job.state in CUT_OFF})
         stand = self._stand(jobs)
         return [returned.get(n) or self._returned(stand[n]) for n in jobs]
 

@@ -76,6 +76,8 @@ class Snapshot:
 
     def seconds(self, job: Job) -> float | None:
         """How long a job took, or has taken; never less than 0, whatever the clock of its host. None: not known."""
+        if job.state == KILLED:  # nobody wrote down when
+            return None
         began = _stamp_s(job.started)
         end = self.now_s if job.state in (RUNNING, SILENT) else _stamp_s(job.ended)
         return None if began is None or end is None else max(0.0, end - began)
