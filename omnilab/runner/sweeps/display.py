@@ -54,7 +54,7 @@ class SweepDisplay:
 
         self._ends.clear()
         console = self._console or RichConsole(stderr=True)
-        seen = self._look(anew=True)
+        seen = self._read(anew=True)
         plan = seen.sweep.plan if seen else None
         self._serial = bool(self._leads and plan and plan.launcher == SERIAL)
         if not self._serial and console.is_terminal and not console.is_dumb_terminal:
@@ -87,7 +87,7 @@ class SweepDisplay:
         try:
             while True:
                 last, start_s = self._ends.is_set(), time.monotonic()
-                if (seen := self._look(anew=last or start_s >= self._next_s)) is not None:
+                if (seen := self._read(anew=last or start_s >= self._next_s)) is not None:
                     self._show(seen)
                 if last:
                     return
@@ -95,7 +95,7 @@ class SweepDisplay:
         except Exception:  # the sweep goes on, unseen
             log.info("the display of the sweep has ended", exc_info=True)
 
-    def _look(self, anew: bool) -> Snapshot | None:
+    def _read(self, anew: bool) -> Snapshot | None:
         """How the sweep stands, read anew or with what its running jobs say; None if it cannot be read now."""
         start_s = time.monotonic()
         try:
