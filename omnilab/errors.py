@@ -49,4 +49,6 @@ def did_you_mean(word: str, known: Iterable[str], prefix: str = "") -> str:
 
 def visible(text: str) -> str:
     """The text with what a terminal would obey, or not show, as escapes: names of files and overrides are data."""
+    if text.isprintable():
+        return text
     return "".join(c if c.isprintable() else c.encode("unicode_escape", "surrogatepass").decode() for c in text)

@@ -10,19 +10,22 @@ import sys
 from collections.abc import Iterator, Sequence
 from importlib.resources import files
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from omnilab import hooks
 from omnilab.api import KINDS
 from omnilab.errors import ConfigError, DataError, OmnilabError, did_you_mean, of_machine, visible
-from omnilab.runner.discovery import discover_loudly
+from omnilab.runner.discovery import discover, discover_loudly
 from omnilab.runner.interrupts import uninterrupted
 from omnilab.runner.manual import settings_data, settings_of
-from omnilab.runner.registry import Component, Registry, discover
 from omnilab.runner.repair import mend, mend_copy
 from omnilab.runner.run_folder import UNREADABLE, LoadedRun, find_runs, load_run, new_folder_name
 from omnilab.runner.streams import unwritten
 from omnilab.runner.sweeps.commands import sweep
 from omnilab.runner.terminal import headline, print_error, print_table, short, show_run
+
+if TYPE_CHECKING:
+    from omnilab.runner.registry import Component, Registry
 
 LIMITS_OFF = "limits=off"
 
@@ -204,21 +207,21 @@ def runs(argv: list[str]) -> int:
     parser = argparse.ArgumentParser("omnilab runs", description=runs.__doc__)
     parser.add_argument("logs", nargs="?", type=Path, default=Path("logs"), help="where to look (default: logs)")
     options = parser.parse_args(argv)
-    rows = [[str(run.folder.relative_to(options.logs)), *_described(run)] for run in find_runs(options.logs)]
+    found, rows = find_runs(options.logs)[::-1], []
+    while found:
+        rows.append(_described(found.pop(), options.logs))  # and what was read of it is let go
     print_table(["run", "status", "main metrics", "overrides"], rows)
     return 0
 
 
-def _described(run: LoadedRun) -> list[str]:
-    """Status, main metrics, overrides; a damaged run must not hide the others."""
+def _described(run: LoadedRun, logs: Path) -> list[str]:
+    """Name, status, main metrics, overrides; a damaged run must not hide the others."""
+    name = str(run.folder).removeprefix(f"{logs}/")
     try:
-        return [
-            run.state,
-            headline(run.metrics),
-            " ".join(o for o in run.manifest["overrides"] if o[:11] != "experiment="),
-        ]
+        overrides = [override for override in run.manifest["overrides"] if override[:11] != "experiment="]
+        return [name, run.state, headline(run.metrics), " ".join(overrides)]
     except DataError as error:
-        return [UNREADABLE, str(error), ""]
+        return [name, UNREADABLE, str(error), ""]
 
 
 def repeat(argv: list[str]) -> int:

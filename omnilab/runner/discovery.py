@@ -2,8 +2,20 @@
 
 from __future__ import annotations
 
-from omnilab.runner.registry import Registry, discover
+from typing import TYPE_CHECKING
+
+from omnilab.runner.interrupts import uninterrupted
 from omnilab.runner.terminal import print_error
+
+if TYPE_CHECKING:
+    from omnilab.runner.registry import Registry
+
+
+def discover() -> Registry:
+    """All plugins. Hydra is imported with them, which takes longer than to list a thousand runs, and here only."""
+    with uninterrupted():
+        from omnilab.runner.registry import discover as found
+    return found()
 
 
 def discover_loudly() -> Registry:

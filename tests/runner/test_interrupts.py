@@ -18,7 +18,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from rerun.chunk import RrdReader
 
-from omnilab.runner import cli
+from omnilab.runner import cli, discovery
 from omnilab.runner.registry import Registry
 
 SCRIPT = Path(sys.executable).with_name("omnilab")
@@ -233,7 +233,7 @@ def test_ctrl_c_that_a_library_would_swallow_is_not_lost(monkeypatch):
             pass
         return Registry()
 
-    monkeypatch.setattr(cli, "discover", importing)
+    monkeypatch.setattr(discovery, "discover", importing)
     with pytest.raises(SystemExit) as ended:
         cli.main(["experiment=quickstart"])
     assert ended.value.code == 130

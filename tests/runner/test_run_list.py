@@ -10,6 +10,7 @@ import pytest
 
 from omnilab.api import Metric, Report
 from omnilab.errors import DataError
+from omnilab.runner import terminal
 from omnilab.runner.run_folder import DONE, RunFolder, find_runs, load_run
 from omnilab.runner.sweeps import load_sweep
 from omnilab.runner.sweeps.table import table
@@ -63,6 +64,17 @@ def test_names_of_folders_and_values_in_tables_are_data_too(omnilab_here, tmp_pa
     assert [line.strip() for line in capsys.readouterr().out.splitlines() if "─" not in line] == [
         "[/d]", "a[b]", "[/c]", "inf", "007", "1000", "0.123457",
     ]  # fmt: skip
+
+
+def test_a_long_table_is_the_same_as_rich_would_lay_it_out(monkeypatch, capsys):
+    """Which takes ten seconds for ten thousand runs."""
+    rows = [[f"é日本{i}", "1.234567891", "a\x1b[1m" if i % 3 else "[b]x"] for i in range(20)]
+    print_table(["run", "日", "o[/]"], rows, title="[t]\n")
+    monkeypatch.setattr(terminal, "LONG", 10)
+    laid_out = capsys.readouterr().out
+    print_table(["run", "日", "o[/]"], rows, title="[t]\n")
+    assert capsys.readouterr().out == laid_out
+    assert r"é日本19   1.23457   a\x1b[1m" in laid_out
 
 
 def test_a_sentence_is_one_line_whatever_it_names(capsys):

@@ -7,7 +7,7 @@ import io
 import json
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property
@@ -19,7 +19,7 @@ from omnilab.errors import DataError
 from omnilab.file_kinds import content_of
 from omnilab.runner.run_folder import process
 from omnilab.runner.run_folder.lock import REPAIR, RUN, LockState, ago, by_time, lock_state
-from omnilab.runner.run_folder.names import CONFIG, KILLED, MANIFEST, RUNNING, SILENT, STATUS
+from omnilab.runner.run_folder.names import CONFIG, KILLED, MANIFEST, METRICS, RUNNING, SILENT, STATUS
 from omnilab.runner.run_folder.progress import RunProgress, read_progress
 
 LARGEST_FILE, LARGEST_TABLE = 4 * 2**20, 256 * 2**20  # bytes
@@ -52,45 +52,69 @@ class LoadedRun:
     @cached_property
     def metrics(self) -> dict[str, float]:
         """By name. Empty for a run that did not finish."""
-        return {row["metric"]: self._metric(row, "value") for row in self._metric_rows}
+        columns, rows = self._metric_table
+        name, value = columns["metric"], columns["value"]
+        try:
+            return {row[name]: float(row[value]) for row in rows}
+        except ValueError:  # one without a value, or damaged
+            return {row[name]: self._number(row, "value") for row in rows}
 
     @cached_property
     def intervals(self) -> dict[str, tuple[float, float]]:
         """95 % confidence of the metrics for which it was estimated."""
-        rows = [row for row in self._metric_rows if row.get("low")]
-        return {row["metric"]: (self._metric(row, "low"), self._metric(row, "high")) for row in rows}
+        low = self._metric_texts("low")
+        return {
+            row[self._metric_table[0]["metric"]]: (self._number(row, "low"), self._number(row, "high"))
+            for row, text in zip(self._metric_table[1], low.values(), strict=True)
+            if text
+        }
 
     @cached_property
     def notes(self) -> dict[str, str]:
         """Why there is no value, of the metrics without one."""
-        return {row["metric"]: row["note"] for row in self._metric_rows if row.get("note")}
+        return {name: note for name, note in self._metric_texts("note").items() if note}
 
     @cached_property
     def units(self) -> dict[str, str]:
-        return {row["metric"]: row["unit"] for row in self._metric_rows}
+        return self._metric_texts("unit")
 
     @cached_property
-    def _metric_rows(self) -> list[dict[str, str]]:
-        rows = self.table("metrics")
-        if rows and not rows[0].keys() >= {"metric", "value", "unit"}:
+    def _metric_table(self) -> tuple[dict[str, int], list[list[str]]]:
+        """The columns of the metrics by name, and their rows."""
+        header, *rows = self._table("metrics") or [METRICS]
+        columns = {name: i for i, name in enumerate(header)}
+        if not columns.keys() >= {"metric", "value", "unit"}:
             raise self._unreadable("metrics.csv", "its columns should be metric, value, unit")
-        return rows
+        return columns, rows
 
-    def _metric(self, row: Mapping[str, str], column: str) -> float:
-        if row.get(column) == "" and row.get("note"):
-            return math.nan
+    def _metric_texts(self, column: str) -> dict[str, str]:
+        """One column of the metrics, by their names; none if there is no such column."""
+        columns, rows = self._metric_table
+        name, at = columns["metric"], columns.get(column)
+        return {} if at is None else {row[name]: row[at] for row in rows}
+
+    def _number(self, row: Sequence[str], column: str) -> float:
+        columns, _ = self._metric_table
         try:
-            return float(row[column])
+            text = row[columns[column]]
+            return math.nan if not text and "note" in columns and row[columns["note"]] else float(text)
         except (KeyError, ValueError) as error:
-            raise self._unreadable("metrics.csv", f"{column} of {row['metric']} is no number") from error
+            raise self._unreadable("metrics.csv", f"{column} of {row[columns['metric']]} is no number") from error
 
     def table(self, name: str) -> list[dict[str, str]]:
         """The rows of one CSV file of the run; none if it was not written. DataError if it is damaged."""
-        path = self.folder / f"{name}.csv"
-        if not path.exists():
-            return []
-        header, *rows = self._parse(path.name, _csv_rows)
+        header, *rows = self._table(name) or [[]]
         return [dict(zip(header, row, strict=True)) for row in rows]
+
+    def _table(self, name: str) -> list[list[str]]:
+        """The first line and the rows of one CSV file of the run; nothing if it was not written."""
+        try:
+            rows: list[list[str]] = self._parse(f"{name}.csv", _csv_rows)
+        except DataError as error:
+            if isinstance(error.__cause__, FileNotFoundError):
+                return []
+            raise
+        return rows
 
     @property
     def alive(self) -> bool:
@@ -162,10 +186,9 @@ class LoadedRun:
         return content
 
     def _parse(self, name: str, parse: Callable[[str], Any]) -> Any:
-        path = self.folder / name
         try:
-            largest = LARGEST_TABLE if path.suffix == ".csv" else LARGEST_FILE
-            return parse(content_of(path, largest).decode())
+            largest = LARGEST_TABLE if name.endswith(".csv") else LARGEST_FILE
+            return parse(content_of(f"{self.folder}/{name}", largest).decode())
         except Exception as error:
             raise self._unreadable(name, _why(error)) from error
 
@@ -189,7 +212,7 @@ def _csv_rows(text: str) -> list[list[str]]:
     if not text.endswith("\n"):
         raise ValueError("it ends within a line")
     rows = list(csv.reader(io.StringIO(text, newline=""), strict=True))
-    if any(len(row) != len(rows[0]) for row in rows):
+    if len(set(map(len, rows))) != 1:
         raise ValueError("a row has more or fewer values than the first line has names")
     return rows
 
@@ -244,12 +267,22 @@ def find_runs(logs: str | Path = "logs") -> list[LoadedRun]:
     while waiting:
         folder = waiting.pop()
         try:
-            with os.scandir(folder) as entries:
-                inside = list(entries)
-            waiting += [entry.path for entry in inside if entry.is_dir(follow_symlinks=False)]
+            is_run, below = _contents(folder)
         except OSError:
+            is_run, below = True, []
+        waiting += below
+        if is_run:
             found.append(folder)
-            continue
-        if any(entry.name == STATUS for entry in inside):
-            found.append(folder)
-    return [LoadedRun(folder) for folder in sorted(map(Path, found), key=Path.as_posix)]
+    return [LoadedRun(Path(folder)) for folder in sorted(found)]
+
+
+def _contents(folder: str) -> tuple[bool, list[str]]:
+    """Whether a folder is a run's, and the folders in it."""
+    is_run, below = False, []
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.name == STATUS:
+                is_run = True
+            elif entry.is_dir(follow_symlinks=False):
+                below.append(entry.path)
+    return is_run, below
