@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from omnilab import hooks
 from omnilab.api import KINDS
 from omnilab.errors import ConfigError, DataError, OmnilabError, did_you_mean, of_machine, visible
+from omnilab.runner.compare.command import compare
 from omnilab.runner.discovery import discover, discover_loudly
 from omnilab.runner.interrupts import uninterrupted
 from omnilab.runner.manual import settings_data, settings_of
@@ -314,4 +315,5 @@ COMMANDS: dict[str, hooks.Command] = {
     "repeat": repeat,
     "repair": repair,
     "sweep": sweep,
+    "compare": compare,
 }

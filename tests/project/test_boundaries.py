@@ -76,9 +76,23 @@ THIRD_PARTY = {  # which modules of omnilab may import what, beside numpy
     },
     "threadpoolctl": {"runner.execute"},
     "yaml": {"runner.run_folder.reading", "runner.sweeps.plan_file", "cameras.formats.safe_yaml"},
+    "pandas": {
+        "runner.compare.command", "runner.compare.comparison", "runner.compare.order", "runner.compare.paired",
+        "runner.compare.tables",
+    },
+    "scipy": {"runner.compare.comparison", "runner.compare.paired"},
+    "matplotlib": {"runner.compare.figures", "runner.compare.plots"},
 }  # fmt: skip
-LAZY = {"cv2", "rich", "threadpoolctl", "yaml"}  # within functions only: importing omnilab is free of work
-HEAVY = {"cv2", "gtsam", "matplotlib", "mcap", "numba", "rerun", "scipy", "skimage"}
+LAZY = {
+    "cv2",
+    "matplotlib",
+    "pandas",
+    "rich",
+    "scipy",
+    "threadpoolctl",
+    "yaml",
+}  # within functions only: importing omnilab is free of work
+HEAVY = {"cv2", "gtsam", "matplotlib", "mcap", "numba", "pandas", "rerun", "scipy", "skimage"}
 MOST_FILES, MOST_LINES = 20, 400  # of a folder, of a module
 
 

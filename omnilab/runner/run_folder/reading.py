@@ -41,7 +41,7 @@ class LoadedRun:
     def manifest(self) -> dict[str, Any]:
         content = self._read(MANIFEST, json.loads, experiment=str, overrides=list)
         if not all(isinstance(override, str) for override in content["overrides"]):
-            raise self._unreadable(MANIFEST, "overrides should be a list of texts")
+            raise self.unreadable(MANIFEST, "overrides should be a list of texts")
         return content
 
     @cached_property
@@ -62,12 +62,15 @@ class LoadedRun:
     @cached_property
     def intervals(self) -> dict[str, tuple[float, float]]:
         """95 % confidence of the metrics for which it was estimated."""
-        low = self._metric_texts("low")
-        return {
-            row[self._metric_table[0]["metric"]]: (self._number(row, "low"), self._number(row, "high"))
-            for row, text in zip(self._metric_table[1], low.values(), strict=True)
-            if text
-        }
+        columns, rows = self._metric_table
+        if not columns.keys() >= {"low", "high"}:
+            return {}
+        name, low, high = columns["metric"], columns["low"], columns["high"]
+        try:
+            return {row[name]: (float(row[low]), float(row[high])) for row in rows if row[low]}
+        except ValueError:  # damaged
+            known = [row for row in rows if row[low]]
+            return {row[name]: (self._number(row, "low"), self._number(row, "high")) for row in known}
 
     @cached_property
     def notes(self) -> dict[str, str]:
@@ -84,7 +87,7 @@ class LoadedRun:
         header, *rows = self._table("metrics") or [METRICS]
         columns = {name: i for i, name in enumerate(header)}
         if not columns.keys() >= {"metric", "value", "unit"}:
-            raise self._unreadable("metrics.csv", "its columns should be metric, value, unit")
+            raise self.unreadable("metrics.csv", "its columns should be metric, value, unit")
         return columns, rows
 
     def _metric_texts(self, column: str) -> dict[str, str]:
@@ -99,7 +102,7 @@ class LoadedRun:
             text = row[columns[column]]
             return math.nan if not text and "note" in columns and row[columns["note"]] else float(text)
         except (KeyError, ValueError) as error:
-            raise self._unreadable("metrics.csv", f"{column} of {row[columns['metric']]} is no number") from error
+            raise self.unreadable("metrics.csv", f"{column} of {row[columns['metric']]} is no number") from error
 
     def table(self, name: str) -> list[dict[str, str]]:
         """The rows of one CSV file of the run; none if it was not written. DataError if it is damaged."""
@@ -109,7 +112,7 @@ class LoadedRun:
     def _table(self, name: str) -> list[list[str]]:
         """The first line and the rows of one CSV file of the run; nothing if it was not written."""
         try:
-            rows: list[list[str]] = self._parse(f"{name}.csv", _csv_rows)
+            rows: list[list[str]] = self.parsed(f"{name}.csv", _csv_rows)
         except DataError as error:
             if isinstance(error.__cause__, FileNotFoundError):
                 return []
@@ -177,22 +180,24 @@ class LoadedRun:
 
     def _read(self, name: str, parse: Callable[[str], Any], **types: type) -> dict[str, Any]:
         """A file of the run that must be a mapping with these keys and types of content; DataError if it is not."""
-        content = self._parse(name, parse)
+        content = self.parsed(name, parse)
         if not isinstance(content, dict) or not content.keys() >= types.keys():
-            raise self._unreadable(name, f"it should hold {', '.join(types)}")
+            raise self.unreadable(name, f"it should hold {', '.join(types)}")
         for key, wanted in types.items():
             if type(content[key]) is not wanted:
-                raise self._unreadable(name, f"its {key} is {content[key]!r:.60}")
+                raise self.unreadable(name, f"its {key} is {content[key]!r:.60}")
         return content
 
-    def _parse(self, name: str, parse: Callable[[str], Any]) -> Any:
+    def parsed(self, name: str, parse: Callable[[str], Any]) -> Any:
+        """What `parse` makes of the text of one file; DataError if it raises, or there is no such file."""
         try:
             largest = LARGEST_TABLE if name.endswith(".csv") else LARGEST_FILE
             return parse(content_of(f"{self.folder}/{name}", largest).decode())
         except Exception as error:
-            raise self._unreadable(name, _why(error)) from error
+            raise self.unreadable(name, _why(error)) from error
 
-    def _unreadable(self, name: str, why: object) -> DataError:
+    def unreadable(self, name: str, why: object) -> DataError:
+        """The error about a damaged file."""
         reason = " ".join(str(why).split())
         return DataError(
             f"{self.folder / name} cannot be read ({reason}); remove the folder, or run the experiment again"
