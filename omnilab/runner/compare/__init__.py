@@ -1,6 +1,6 @@
 """Comparing runs and sweeps: what differs, metrics over seeds, errors query by query, tables and figures."""
 
-from omnilab.runner.compare.comparison import Comparison, compare_runs
+from omnilab.runner.compare.comparison import RunComparison, compare_runs
 from omnilab.runner.compare.figures import draw
 from omnilab.runner.compare.gathering import LeftOut
 from omnilab.runner.compare.order import best_first, by_setting
@@ -8,7 +8,7 @@ from omnilab.runner.compare.paired import PairedErrors, paired_errors
 from omnilab.runner.compare.tables import write_csv
 
 __all__ = [
-    "Comparison",
+    "RunComparison",
     "LeftOut",
     "PairedErrors",
     "best_first",

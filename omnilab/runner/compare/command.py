@@ -18,7 +18,7 @@ from omnilab.runner.terminal import HEADLINE, print_error, print_table, short
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    from omnilab.runner.compare.comparison import Comparison
+    from omnilab.runner.compare.comparison import RunComparison
 
 BESIDE = 4  # configurations that are shown side by side; more are rows
 HELP = (
@@ -101,13 +101,13 @@ def _without_collection() -> Iterator[None]:
             gc.enable()
 
 
-def _main_metrics(comparison: Comparison, objective: str | None) -> list[str]:
+def _main_metrics(comparison: RunComparison, objective: str | None) -> list[str]:
     """The one that is asked for, and the study's first."""
     asked_for = [objective.removeprefix("-")] if objective else []
     return list(dict.fromkeys(asked_for + comparison.metrics))[:HEADLINE]
 
 
-def _show(comparison: Comparison, metrics: Sequence[str], options: argparse.Namespace) -> None:
+def _show(comparison: RunComparison, metrics: Sequence[str], options: argparse.Namespace) -> None:
     """The tables of a comparison, and what is to be known of them."""
     from omnilab.runner.compare import tables
     from omnilab.runner.compare.paired import paired_errors
@@ -132,7 +132,7 @@ def _show(comparison: Comparison, metrics: Sequence[str], options: argparse.Name
         sys.stdout.write(visible(f"{sentence}.") + "\n")
 
 
-def _best(comparison: Comparison, objective: str) -> str:
+def _best(comparison: RunComparison, objective: str) -> str:
     """Which configuration is the best, and how to run it again."""
     from omnilab.runner.compare.tables import NOTHING
 
@@ -152,7 +152,7 @@ def _print(table: DataFrame, title: str = "") -> None:
     sys.stdout.write("\n")
 
 
-def _write(comparison: Comparison, metrics: Sequence[str], options: argparse.Namespace) -> None:
+def _write(comparison: RunComparison, metrics: Sequence[str], options: argparse.Namespace) -> None:
     """The files that are asked for."""
     from omnilab.runner.compare import tables
 

@@ -20,7 +20,7 @@ LISTED = 8  # names in a sentence
 
 
 @dataclass(frozen=True)
-class Comparison:
+class RunComparison:
     """Runs in groups, of which each holds runs that are equal in everything but the seed."""
 
     runs: DataFrame  # a row a run: run, folder, seed, group, and its metrics
@@ -47,7 +47,7 @@ class Comparison:
         return [int(count) for count in self.runs.groupby("group").size().reindex(self.groups.index)]
 
 
-def compare_runs(folders: Iterable[str | Path]) -> Comparison:
+def compare_runs(folders: Iterable[str | Path]) -> RunComparison:
     """Compare the finished runs in folders of runs and of sweeps.
 
     DataError if a folder holds none, or if none of the runs is finished.
@@ -62,7 +62,7 @@ def compare_runs(folders: Iterable[str | Path]) -> Comparison:
     runs, notes = _once_a_seed(runs, found)
     wanted, more = _comparable(runs, found)
     statistics = _statistics(runs, wanted, found)
-    return Comparison(runs, groups, statistics, [*notes, *more], left_out)
+    return RunComparison(runs, groups, statistics, [*notes, *more], left_out)
 
 
 def _grouped(found: Sequence[ComparedRun]) -> tuple[DataFrame, DataFrame]:

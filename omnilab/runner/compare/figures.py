@@ -17,7 +17,7 @@ from omnilab.atomic_files import write_whole
 from omnilab.errors import DataError
 from omnilab.file_kinds import content_of
 from omnilab.runner.compare import plots
-from omnilab.runner.compare.comparison import OVER_SEEDS, Comparison
+from omnilab.runner.compare.comparison import OVER_SEEDS, RunComparison
 from omnilab.runner.compare.order import sorted_groups
 from omnilab.runner.run_folder import load_run
 
@@ -30,7 +30,7 @@ MOST_PANELS = 6
 WALL = "wall time of a run, on its machine [s]"
 
 
-def draw(comparison: Comparison, metrics: Sequence[str], folder: Path, objective: str | None = None) -> list[Path]:
+def draw(comparison: RunComparison, metrics: Sequence[str], folder: Path, objective: str | None = None) -> list[Path]:
     """Write all figures of these metrics into a folder: their files.
 
     `objective`: METRIC, or "-METRIC" where more is better, whose Pareto front is drawn. DataError if a file of that name
@@ -54,7 +54,7 @@ def _sign(metric: str, objective: str | None) -> int:
     return {metric: 1, f"-{metric}": -1}.get(objective or "", 0)
 
 
-def _figures(comparison: Comparison, metric: str, sign: int) -> Iterator[tuple[str, Figure]]:
+def _figures(comparison: RunComparison, metric: str, sign: int) -> Iterator[tuple[str, Figure]]:
     """All figures of a metric, by name."""
     label = _label(comparison, metric)
     settings = comparison.settings
@@ -75,12 +75,12 @@ def _figures(comparison: Comparison, metric: str, sign: int) -> Iterator[tuple[s
         yield f"{metric}_by_cost", plots.pareto(WALL, label, (cost[known], means[known]), labels, sign)
 
 
-def _label(comparison: Comparison, metric: str) -> str:
+def _label(comparison: RunComparison, metric: str) -> str:
     unit = str(comparison.statistics.xs(metric, level="metric")["unit"].iloc[0])
     return f"{metric} [{unit}]" if unit else metric
 
 
-def _lines(comparison: Comparison, metric: str, setting: str) -> list[plots.Line]:
+def _lines(comparison: RunComparison, metric: str, setting: str) -> list[plots.Curve]:
     """A line for each combination of the other settings."""
     table = comparison.statistics.xs(metric, level="metric")
     others = [name for name in comparison.settings if name != setting]
@@ -92,11 +92,11 @@ def _lines(comparison: Comparison, metric: str, setting: str) -> list[plots.Line
         rows = table.reindex(groups)
         value, low, high = (rows[column].to_numpy(float) for column in ("mean", "low", "high"))
         over_seeds = (rows["interval"] == OVER_SEEDS).to_numpy(bool)
-        lines.append(plots.Line(label, comparison.groups.loc[groups, setting].tolist(), value, low, high, over_seeds))
+        lines.append(plots.Curve(label, comparison.groups.loc[groups, setting].tolist(), value, low, high, over_seeds))
     return lines
 
 
-def _panels(comparison: Comparison, metric: str, across: str, down: str) -> dict[str, dict[tuple[str, str], float]]:
+def _panels(comparison: RunComparison, metric: str, across: str, down: str) -> dict[str, dict[tuple[str, str], float]]:
     """The means over two settings, for each combination of the others."""
     others = [name for name in comparison.settings if name not in {across, down}]
     means = comparison.wide("mean")[metric]
@@ -107,7 +107,7 @@ def _panels(comparison: Comparison, metric: str, across: str, down: str) -> dict
     return panels
 
 
-def _settings(comparison: Comparison, group: int, names: Sequence[str]) -> str:
+def _settings(comparison: RunComparison, group: int, names: Sequence[str]) -> str:
     """Settings of a configuration in a line, by the last words of their names where these are clear."""
     last = [name.rpartition(".")[2] for name in comparison.settings]
     short = {
@@ -117,7 +117,7 @@ def _settings(comparison: Comparison, group: int, names: Sequence[str]) -> str:
     return ", ".join(f"{short[name]}={values[name]}" for name in names if values[name] is not None)
 
 
-def _wall_s(comparison: Comparison) -> Floats:
+def _wall_s(comparison: RunComparison) -> Floats:
     """The mean wall time of each configuration's runs; NaN where none says it."""
     seconds = [_wall_of(folder) for folder in comparison.runs["folder"]]
     means = comparison.runs.assign(wall_s=seconds).groupby("group")["wall_s"].mean()

@@ -8,13 +8,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from omnilab.errors import ConfigError, did_you_mean
-from omnilab.runner.compare.comparison import Comparison
+from omnilab.runner.compare.comparison import RunComparison
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-def by_setting(comparison: Comparison, path: str) -> Comparison:
+def by_setting(comparison: RunComparison, path: str) -> RunComparison:
     """Configurations by the value of one setting, the others held fixed as long as it runs; it is their last column.
 
     ConfigError if it is no setting in which they differ.
@@ -31,7 +31,7 @@ def sorted_groups(groups: DataFrame, settings: Sequence[str]) -> list[int]:
     return sorted(keys, key=keys.__getitem__)
 
 
-def best_first(comparison: Comparison, objective: str) -> Comparison:
+def best_first(comparison: RunComparison, objective: str) -> RunComparison:
     """Configurations by the mean of a metric, the smallest first, of "-METRIC" the largest; those without a value last.
 
     ConfigError if there is no such metric.
@@ -65,7 +65,7 @@ def _missing_last(value: float) -> tuple[bool, float]:
     return math.isnan(value), value
 
 
-def _ordered(comparison: Comparison, groups: Sequence[int]) -> Comparison:
+def _ordered(comparison: RunComparison, groups: Sequence[int]) -> RunComparison:
     """The same with its groups in another order, and numbered by it."""
     number = {group: i for i, group in enumerate(groups)}
     return replace(

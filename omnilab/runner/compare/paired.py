@@ -12,7 +12,7 @@ import numpy as np
 
 from omnilab.api import Floats
 from omnilab.errors import DataError
-from omnilab.runner.compare.comparison import CONFIDENCE, Comparison
+from omnilab.runner.compare.comparison import CONFIDENCE, RunComparison
 from omnilab.runner.run_folder import load_run
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ ERROR = re.compile(r"(\w+_)?error_(\w+)")  # a column of errors, and its unit
 class PairedErrors:
     """Errors of one kind at the same queries: the differences are those of `second` minus those of `first`."""
 
-    first: int  # groups of a `Comparison`
+    first: int  # groups of a `RunComparison`
     second: int
     error: str  # the column of queries.csv
     unit: str
@@ -47,7 +47,7 @@ class PairedErrors:
     permutation_p: float  # scipy.stats.permutation_test of the mean difference, signs exchanged
 
 
-def paired_errors(comparison: Comparison) -> tuple[list[PairedErrors], list[str]]:
+def paired_errors(comparison: RunComparison) -> tuple[list[PairedErrors], list[str]]:
     """Every configuration beside the first, at the queries that runs of one seed both were asked; and what was not paired.
 
     Queries are the same if number, key and true pose are.
@@ -64,7 +64,7 @@ def paired_errors(comparison: Comparison) -> tuple[list[PairedErrors], list[str]
     return found, list(dict.fromkeys(notes))
 
 
-def _paired(comparison: Comparison, first: int, second: int) -> list[PairedErrors]:
+def _paired(comparison: RunComparison, first: int, second: int) -> list[PairedErrors]:
     """All kinds of errors of two groups; DataError if no run of one was asked what a run of the other was."""
     folders = comparison.runs.set_index("seed").groupby("group")["folder"]
     of_first, of_second = (dict(folders.get_group(group)) for group in (first, second))

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnilab.errors import visible
-from omnilab.runner.compare.comparison import OF_RUN, OVER_SEEDS, Comparison
+from omnilab.runner.compare.comparison import OF_RUN, OVER_SEEDS, RunComparison
 from omnilab.runner.compare.paired import RESAMPLES, PairedErrors, named
 from omnilab.runner.run_folder.tables import write_text
 
@@ -22,7 +22,7 @@ MARKDOWN = re.compile(r"([\\`*_{}\[\]<>()#+!|~$&])")
 FEW_NAMES = 4  # runs of a configuration that are named
 
 
-def configuration_table(comparison: Comparison) -> DataFrame:
+def configuration_table(comparison: RunComparison) -> DataFrame:
     """What differs: a row a setting, a column a configuration; below, its runs."""
     import pandas as pd
 
@@ -33,7 +33,7 @@ def configuration_table(comparison: Comparison) -> DataFrame:
     return table
 
 
-def metric_table(comparison: Comparison, metrics: Sequence[str]) -> DataFrame:
+def metric_table(comparison: RunComparison, metrics: Sequence[str]) -> DataFrame:
     """A row a metric, a column a configuration."""
     import pandas as pd
 
@@ -45,7 +45,7 @@ def metric_table(comparison: Comparison, metrics: Sequence[str]) -> DataFrame:
     return table
 
 
-def group_table(comparison: Comparison, metrics: Sequence[str]) -> DataFrame:
+def group_table(comparison: RunComparison, metrics: Sequence[str]) -> DataFrame:
     """A row a configuration: the settings that differ, its runs or how many seeds, and metrics."""
     table = comparison.groups.fillna(NOTHING)
     seeds = comparison.seeds()
@@ -82,7 +82,7 @@ def paired_table(pairs: Sequence[PairedErrors]) -> DataFrame:
     )
 
 
-def meanings(comparison: Comparison, pairs: Sequence[PairedErrors]) -> list[str]:
+def meanings(comparison: RunComparison, pairs: Sequence[PairedErrors]) -> list[str]:
     """What the figures of the tables are, in sentences."""
     found = set(comparison.statistics["interval"])
     words = []
@@ -136,7 +136,7 @@ def short_text(row: Any, seeds: int) -> str:
     return _figure(row.mean) + _of(row, seeds)
 
 
-def write_csv(comparison: Comparison, file: Path) -> None:
+def write_csv(comparison: RunComparison, file: Path) -> None:
     """A row a configuration and metric, with all digits; OSError if it cannot be written."""
     table = comparison.statistics.reset_index().sort_values("group", kind="stable")
     groups = comparison.groups.assign(seeds=comparison.seeds())
@@ -165,7 +165,7 @@ def _visible(table: DataFrame) -> DataFrame:
     return table.rename(columns=visible).map(visible)
 
 
-def _unit(comparison: Comparison, metric: str) -> str:
+def _unit(comparison: RunComparison, metric: str) -> str:
     return str(comparison.statistics.xs(metric, level="metric")["unit"].iloc[0])
 
 
