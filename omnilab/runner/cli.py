@@ -22,7 +22,6 @@ from omnilab.runner.manual import settings_data, settings_of
 from omnilab.runner.repair import mend, mend_copy
 from omnilab.runner.run_folder import UNREADABLE, LoadedRun, find_runs, load_run, new_folder_name
 from omnilab.runner.streams import unwritten
-from omnilab.runner.sweeps.commands import sweep
 from omnilab.runner.terminal import headline, print_error, print_table, short, show_run
 
 if TYPE_CHECKING:
@@ -307,6 +306,13 @@ def _run_parser(command: str, description: str | None) -> argparse.ArgumentParse
         "run", nargs="?", type=Path, default=Path("logs/latest"), help="run folder (default: the latest)"
     )
     return parser
+
+
+def sweep(argv: list[str]) -> int:
+    """Go on with a sweep, watch it, or list the sweeps there are."""
+    with uninterrupted():
+        from omnilab.runner.sweeps.commands import sweep as command  # and Hydra, which reads its overrides
+    return command(argv)
 
 
 COMMANDS: dict[str, hooks.Command] = {

@@ -8,9 +8,9 @@ from omnilab.runner.compare.paired import PairedErrors, paired_errors
 from omnilab.runner.compare.tables import write_csv
 
 __all__ = [
-    "RunComparison",
     "LeftOut",
     "PairedErrors",
+    "RunComparison",
     "best_first",
     "by_setting",
     "compare_runs",

@@ -80,7 +80,7 @@ def _label(comparison: RunComparison, metric: str) -> str:
     return f"{metric} [{unit}]" if unit else metric
 
 
-def _lines(comparison: RunComparison, metric: str, setting: str) -> list[plots.Curve]:
+def _lines(comparison: RunComparison, metric: str, setting: str) -> list[plots.MetricCurve]:
     """A line for each combination of the other settings."""
     table = comparison.statistics.xs(metric, level="metric")
     others = [name for name in comparison.settings if name != setting]
@@ -92,7 +92,9 @@ def _lines(comparison: RunComparison, metric: str, setting: str) -> list[plots.C
         rows = table.reindex(groups)
         value, low, high = (rows[column].to_numpy(float) for column in ("mean", "low", "high"))
         over_seeds = (rows["interval"] == OVER_SEEDS).to_numpy(bool)
-        lines.append(plots.Curve(label, comparison.groups.loc[groups, setting].tolist(), value, low, high, over_seeds))
+        lines.append(
+            plots.MetricCurve(label, comparison.groups.loc[groups, setting].tolist(), value, low, high, over_seeds)
+        )
     return lines
 
 

@@ -27,7 +27,7 @@ LONGEST = 48  # characters of a text
 
 
 @dataclass(frozen=True)
-class Curve:
+class MetricCurve:
     """A curve: values at those of a setting, with the interval of each."""
 
     label: str
@@ -71,7 +71,7 @@ def plain(text: str | None, longest: int = LONGEST) -> str:
     return shown.replace("$", r"\$")
 
 
-def curves(setting: str, metric: str, lines: Sequence[Curve]) -> Figure:
+def curves(setting: str, metric: str, lines: Sequence[MetricCurve]) -> Figure:
     """A metric against one setting; a curve for each combination of the others, with a band over seeds."""
     figure, axes = _figure(7.0, 4.4)
     scale = Scale([value for line in lines for value in line.at])
@@ -93,7 +93,7 @@ def curves(setting: str, metric: str, lines: Sequence[Curve]) -> Figure:
     return figure
 
 
-def _about_curves(lines: Sequence[Curve], shapes: str) -> str:
+def _about_curves(lines: Sequence[MetricCurve], shapes: str) -> str:
     """What the curves are of, and their bands or bars."""
     over_seeds = np.concatenate([line.over_seeds for line in lines])
     of = "over seeds" if over_seeds.all() else "over seeds, or of the one run" if over_seeds.any() else "of the run"
