@@ -22,7 +22,7 @@ from types import ModuleType
 from typing import Any
 
 import pluggy
-from hydra.core.config_store import ConfigStore
+from hydra.core.config_store import ConfigNode, ConfigStore
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -354,9 +354,15 @@ def members(protocol: type[Any]) -> list[str]:
 
 
 def _store(component: Component) -> None:
-    kind = component.kind
+    """Put a class where Hydra finds it, as `ConfigStore.store` does, which would copy its node first."""
+    kind, store = component.kind, ConfigStore.instance()
+    vars(store)["__deepcopy__"] = _uncopied
     for name in filter(None, (component.name, component.formerly)):
         package = f"{MANY[kind]}.{name}" if kind in MANY else kind
-        ConfigStore.instance().store(
-            group=kind, name=name, node=_node(component.cls), package=package, provider=component.plugin.distribution
-        )
+        node = ConfigNode(f"{name}.yaml", _node(component.cls), kind, package, component.plugin.distribution)
+        store.repo.setdefault(kind, {})[node.name] = node
+
+
+def _uncopied(_: object) -> ConfigStore:
+    """The store instead of a copy of all of it, two of which Hydra makes a start; it copies each node that it takes."""
+    return ConfigStore.instance()
