@@ -7,7 +7,8 @@ import hashlib
 import platform
 import sys
 import sysconfig
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import asdict
 from functools import cache
 from importlib.metadata import packages_distributions, version
@@ -100,22 +101,28 @@ def _roots(top: str) -> list[Path]:
 
 def _imports(top: str) -> set[str]:
     """The top-level names of all absolute imports in a package's files, also those within functions."""
-    found = set()
-    for path in _files(top):
-        for node in ast.walk(_parsed(path)):
+    return set().union(*(_imports_of(path.read_bytes()) for path in _files(top) if path.suffix == ".py"))
+
+
+@cache
+def _imports_of(content: bytes) -> frozenset[str]:
+    """The same of one file; of none that is no module, as a template would be."""
+    found: set[str] = set()
+    with suppress(SyntaxError, ValueError):
+        for node in _statements(ast.parse(content)):
             if isinstance(node, ast.Import):
                 found |= {name.name.partition(".")[0] for name in node.names}
             elif isinstance(node, ast.ImportFrom) and node.level == 0:
                 found.add(str(node.module).partition(".")[0])
-    return found
+    return frozenset(found)
 
 
-def _parsed(path: Path) -> ast.Module:
-    """A module; an empty one if the file is none, as a template or data would be."""
-    try:
-        return ast.parse(path.read_bytes() if path.suffix == ".py" else b"")
-    except (SyntaxError, ValueError):
-        return ast.Module([], [])
+def _statements(node: ast.AST) -> Iterator[ast.AST]:
+    """All within a module, a class, a function, a branch: imports are statements, and most of a program is expressions."""
+    for part in ("body", "orelse", "finalbody", "handlers", "cases"):
+        for statement in getattr(node, part, ()):
+            yield statement
+            yield from _statements(statement)
 
 
 @cache
