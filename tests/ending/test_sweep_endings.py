@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from omnilab.runner.run_folder import load_run
+
+
+def rare(how: str) -> Any:
+    """Of a sweep as of a run, whose tests try all of them."""
+    return pytest.param(how, marks=pytest.mark.slow)
 
 
 def rows_of(tmp_path: Path) -> list[dict[str, str]]:
@@ -15,7 +21,7 @@ def rows_of(tmp_path: Path) -> list[dict[str, str]]:
     return list(csv.DictReader((sweep / "summary.csv").read_text().splitlines()))
 
 
-@pytest.mark.parametrize("how", ["bug", "recursion", "unspeakable", "exit", "memory", "full"])
+@pytest.mark.parametrize("how", ["bug", "exit", *(rare(how) for how in ("recursion", "unspeakable", "memory", "full"))])
 def test_a_job_that_does_not_end_well(endings, tmp_path, how):
     result = endings("-m", f"study.how=well,{how},SIGCONT")
     assert result.rc == 1
@@ -23,7 +29,7 @@ def test_a_job_that_does_not_end_well(endings, tmp_path, how):
     assert "1 of 3 jobs did not end well" in result.stderr
 
 
-@pytest.mark.parametrize("how", ["SIGINT", "SIGTERM", "SIGHUP", "twice"])
+@pytest.mark.parametrize("how", ["SIGTERM", *(rare(how) for how in ("SIGINT", "SIGHUP", "twice"))])
 def test_a_signal_ends_the_sweep_with_its_table(endings, tmp_path, how):
     result = endings("-m", f"study.how=well,{how},SIGCONT")
     assert result.rc == 130

@@ -57,6 +57,7 @@ def shipped(folder: Path) -> set[str]:
     return files
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", PROJECTS, ids=["omnilab", *(folder.name for folder in PROJECTS[1:])])
 def test_a_wheel_holds_the_files_of_its_distribution_and_no_others(folder: Path, wheels: Path) -> None:
     with wheel_of(folder, wheels) as wheel:
@@ -67,6 +68,7 @@ def test_a_wheel_holds_the_files_of_its_distribution_and_no_others(folder: Path,
     assert dict(entry_points["omnilab"]) == metadata(folder)["entry-points"]["omnilab"]
 
 
+@pytest.mark.slow
 def test_recipes_worlds_and_the_mark_of_types_are_among_them(wheels: Path) -> None:
     core = wheel_of(ROOT, wheels).namelist()
     assert {"omnilab/conf/__init__.py", "omnilab/conf/config.yaml", "omnilab/py.typed"} <= set(core)

@@ -66,6 +66,7 @@ def test_a_path_with_6_degrees_of_freedom_is_imaged_as_it_is_told(omnilab_here, 
     assert read.camera == direct.camera
 
 
+@pytest.mark.slow
 def test_depth_and_colour_come_back_bit_for_bit_from_anywhere(omnilab_here, tmp_path):
     from omnilab_mirror import Spherical
     from omnilab_recordings import Folder

@@ -177,9 +177,8 @@ def test_a_whole_run_has_nothing_to_repair(name, here, omnilab_here):
 
 
 # ----------------------------------------------------------------------------------------------- a user's own recipes
-@pytest.mark.parametrize(
-    "recipe", ["my_rivals", *(pytest.param(n, marks=pytest.mark.slow) for n in ("my_filter", "my_wheels"))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("recipe", ["my_rivals", "my_filter", "my_wheels"])
 def test_a_recipe_of_a_user_runs(recipe, here, omnilab_here):
     done = omnilab_here("--config-dir", "recipes", f"experiment={recipe}")
     assert done.rc == 0, done.stderr

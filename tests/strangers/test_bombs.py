@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
+import sys
 from collections.abc import Callable
+from multiprocessing.forkserver import ensure_running
 from pathlib import Path
 
 import bombs
@@ -20,6 +23,9 @@ def processes():
     """From where processes fork that have imported all there is to import."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["bombs"])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", os.pathsep.join(sys.path))  # it does not take over `sys.path`
+        ensure_running()
     return context
 
 
