@@ -84,6 +84,8 @@ def _hydra(task: Task, argv: list[str], registry: Registry) -> None:
             raise
         raise DataError(f"{error.filename} cannot be used ({error.strerror}); mend that, or give logs=DIR") from error
     except ValueError as error:
+        if "No trials are completed" in str(error):
+            raise DataError("no trial of the search has an objective; the lines above say why") from error
         if "Config group override" not in str(error):
             raise
         raise ConfigError(

@@ -59,7 +59,7 @@ def check_sweep(config: DictConfig) -> None:
     """The same before the jobs of a sweep, where neither objective nor study differ between them."""
     try:
         study = None if OmegaConf.is_missing(config, "study") else config.study
-        objective = _plain(config.objective)
+        objective = plain(config.objective)
     except OmegaConfBaseException:  # which the jobs come upon
         return
     if isinstance(study, DictConfig):
@@ -81,7 +81,7 @@ def value_of(objective: Any, metrics: Mapping[str, float]) -> Value:
 
     Without an objective it is the first metric. ConfigError if a metric that is wanted was not measured.
     """
-    objective = _plain(objective)
+    objective = plain(objective)
     goals = goals_of(next(iter(metrics), None) if objective is None else objective) if metrics else []
     for goal in goals:
         if goal.metric not in metrics:
@@ -101,11 +101,12 @@ def described(objective: Any, value: Value) -> str:
     if isinstance(value, str):
         return f"no objective: {value}"
     values = value if isinstance(value, tuple) else (value,)
-    names = [goal.name for goal in goals_of(_plain(objective))]
+    names = [goal.name for goal in goals_of(plain(objective))]
     return f"objective: {', '.join(f'{name} = {one:.6g}' for name, one in zip(names, values, strict=True))}"
 
 
-def _plain(objective: Any) -> Any:
+def plain(objective: Any) -> Any:
+    """The setting as texts and lists, not as nodes of a configuration."""
     return OmegaConf.to_container(objective) if OmegaConf.is_config(objective) else objective
 
 

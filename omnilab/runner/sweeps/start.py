@@ -15,6 +15,7 @@ from omnilab.runner.overrides.command_line import quoted
 from omnilab.runner.run_folder.lock import RunLock, lock_sweep
 from omnilab.runner.sweeps.active import ActiveSweep
 from omnilab.runner.sweeps.job_log import JOBS
+from omnilab.runner.sweeps.optuna_study import go_on, is_optuna, keep_study
 from omnilab.runner.sweeps.plan_file import SweepPlan, count, swept
 
 RESUME, RETRY = "resume", "retry_failed"  # words of the command line
@@ -65,7 +66,11 @@ def begun(
     try:
         launcher, retry = config.hydra.launcher, resumed.retry_failed if resumed else None
         sweep = ActiveSweep(folder.absolute(), lock, launcher, say, retry)
+        if is_optuna(config):
+            say(keep_study(folder, config))
         sweep.begin(_plan(config, command))
+        if resumed and is_optuna(config):
+            go_on(config, sweep.load().jobs, resumed.retry_failed)
     except BaseException:
         lock.release()
         raise
