@@ -66,8 +66,9 @@ THIRD_PARTY = {  # which modules of omnilab may import what, beside numpy
     "omegaconf": {
         "runner.registry", "runner.config", "runner.build", "runner.execute", "runner.hydra_app", "runner.input_files",
         "runner.sweeps.objective", "runner.overrides.command_line", "runner.overrides.compose_errors",
-        "runner.sweeps.launcher", "runner.sweeps.start",
+        "runner.sweeps.launcher", "runner.sweeps.optuna_study", "runner.sweeps.start",
     },
+    "optuna": {"runner.sweeps.optuna_study"},
     "pluggy": {"hooks", "runner.registry"},
     "cv2": {"image", "cameras.reproject"},
     "rich": {
