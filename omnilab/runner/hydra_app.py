@@ -119,11 +119,10 @@ class Task:
         if state.mode is RunMode.MULTIRUN:
             number = int(state.job.env_set[JOB])
             folder = folder / str(number) if state.sweep.subdir == IN_SWEEP else folder
-            life = JobLife(number, folder, Path(_as_is(state.sweep)["dir"]).absolute(), print_error)
+            life = JobLife(number, folder, Path(state.runtime.cwd) / _as_is(state.sweep)["dir"], print_error)
             with printed_into(life.sweep / OUTPUT / f"{number}.log") if self.is_copy else nullcontext():
                 _say_new_names(state.runtime.choices, self.registry)
                 return run_job(config, self.registry, life, overrides, name)
-        _say_new_names(state.runtime.choices, self.registry)
         try:
             report = _run(config, self.registry, folder, overrides, name, lambda report: show_run(report, folder))
             if config.objective is not None:

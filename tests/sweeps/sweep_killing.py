@@ -37,6 +37,12 @@ def command(folder: Path, *words: str) -> subprocess.Popen[bytes]:
     )
 
 
+def lines(folder: Path) -> int:
+    """How many events the sweep has seen."""
+    file = folder / "s" / "jobs.jsonl"
+    return file.read_bytes().count(b"\n") if file.exists() else 0
+
+
 def results(sweep: Path) -> dict[str, bytes]:
     """What must be the same, byte for byte: the table, and the metrics of every job."""
     files = [sweep / "summary.csv", *sorted(sweep.glob("[0-9]*/metrics.csv"))]
@@ -60,16 +66,18 @@ def killed(
     """
     folder.mkdir()
     words = [*WORDS, values, f"study.wait_s={wait_s}", "hydra.sweep.dir=s", *LAUNCHERS[launcher]]
-    for kill in range(kills):
+    for _ in range(kills):
+        known = lines(folder)
         sweep = command(folder, *words)
-        seconds, end = random.uniform(0.5, 12.0), time.monotonic() + 60
-        while kill == 0 and not (folder / "s" / "jobs.jsonl").exists() and time.monotonic() < end:
+        while sweep.poll() is None and lines(folder) == 0:
             time.sleep(0.05)  # before there is a plan, there is nothing to resume
-        try:
-            sweep.wait(seconds)
-        except subprocess.TimeoutExpired:
-            os.killpg(sweep.pid, signal.SIGKILL) if group else sweep.kill()
-            sweep.wait()
+        if random.random() < 0.7:  # some jobs later; else at any time, while it starts perhaps
+            more = random.randint(1, 6)
+            while sweep.poll() is None and lines(folder) < known + more:
+                time.sleep(0.02)
+        time.sleep(random.uniform(0.0, 1.5))
+        os.killpg(sweep.pid, signal.SIGKILL) if group else sweep.kill()
+        sweep.wait()
         words = ["sweep", "resume", "s"]
     sweep = command(folder, *words)
     assert sweep.wait(LONGEST_S) == 0, (folder / "output.txt").read_text()[-3000:]
