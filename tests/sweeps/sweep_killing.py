@@ -72,7 +72,7 @@ def killed(
         while sweep.poll() is None and lines(folder) == 0:
             time.sleep(0.05)  # before there is a plan, there is nothing to resume
         if random.random() < 0.7:  # some jobs later; else at any time, while it starts perhaps
-            more = random.randint(1, 6)
+            more = random.randint(2, 8)
             while sweep.poll() is None and lines(folder) < known + more:
                 time.sleep(0.02)
         time.sleep(random.uniform(0.0, 1.5))
