@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
@@ -70,6 +71,11 @@ class ActiveSweep:
 
     def to_run(self, job: Job, identity: Callable[[], str | None]) -> bool:
         """Whether a job is to be launched: not if it is done, with the same identity, if it goes on, or has failed."""
+        if job.state == SILENT:
+            self.say(
+                f"job {job.number} may still be running on {job.host or 'another host'}, and is left to it; look there, and if"
+                f" it has ended: omnilab repair --ended {shlex.quote(str(job.folder))}, then resume the sweep again"
+            )
         if job.state in (RUNNING, SILENT):
             return False
         if job.state == FAILED:

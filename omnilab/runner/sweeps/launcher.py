@@ -74,9 +74,9 @@ class SweepLauncher(Launcher):
             try:
                 returned |= self._launch({n: jobs[n] for n in group})
             except Exception as error:
-                stand = self._settled(group, self._patience_s)
-                if all(job.state == PLANNED for job in stand.values()):
+                if all(job.state == PLANNED for job in self._stand(group).values()):
                     raise  # this is about no worker
+                stand = self._settled(group, self._patience_s)
                 died = [n for n in group if stand[n].state in CUT_OFF]
                 if len(died) == 1:
                     self._note_death(died[0], error)
