@@ -20,7 +20,7 @@ from omnilab.runner.discovery import discover, discover_loudly
 from omnilab.runner.interrupts import uninterrupted
 from omnilab.runner.manual import settings_data, settings_of
 from omnilab.runner.repair import mend, mend_copy
-from omnilab.runner.run_folder import UNREADABLE, LoadedRun, find_runs, load_run, new_folder_name
+from omnilab.runner.run_folder import RUNNING, UNREADABLE, LoadedRun, find_runs, load_run, new_folder_name
 from omnilab.runner.streams import unwritten
 from omnilab.runner.terminal import headline, print_error, print_table, short, show_run
 
@@ -219,9 +219,16 @@ def _described(run: LoadedRun, logs: Path) -> list[str]:
     name = str(run.folder).removeprefix(f"{logs}/")
     try:
         overrides = [override for override in run.manifest["overrides"] if override[:11] != "experiment="]
-        return [name, run.state, headline(run.metrics), " ".join(overrides)]
+        return [name, _state(run), headline(run.metrics), " ".join(overrides)]
     except DataError as error:
         return [name, UNREADABLE, str(error), ""]
+
+
+def _state(run: LoadedRun) -> str:
+    """As "running 43 % (queries 86 of 200)"."""
+    state = run.state
+    progress = run.progress if state == RUNNING else None
+    return f"{state} {progress.words}".rstrip() if progress else state
 
 
 def repeat(argv: list[str]) -> int:

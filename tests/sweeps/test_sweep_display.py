@@ -25,8 +25,9 @@ from omnilab.runner.sweeps import display as display_module
 from omnilab.runner.sweeps.display import SweepDisplay
 from omnilab.runner.sweeps.job_log import PLANNED, log_of
 from omnilab.runner.sweeps.plan_file import SweepPlan
+from omnilab.runner.sweeps.reader import SweepReader
 from omnilab.runner.sweeps.snapshot import Snapshot
-from omnilab.runner.sweeps.state import Job, LoadedSweep
+from omnilab.runner.sweeps.state import Job, LoadedSweep, load_sweep
 from omnilab.runner.sweeps.status_table import advice, board, duration
 
 NOW = datetime(2026, 11, 29, 12, tzinfo=UTC)
@@ -274,6 +275,25 @@ def test_status_of_a_sweep_that_was_cut_off(on_disk, omnilab_here):
     assert [(one["state"], one["metrics"]) for one in found["jobs"]] == [
         (DONE, {"nearest_rate": None}), (FAILED, {}), (PLANNED, {})
     ]  # fmt: skip
+
+
+def test_a_reader_reads_what_was_appended_since(on_disk):
+    reader, log, file = SweepReader(on_disk), log_of(on_disk), on_disk / "jobs.jsonl"
+    assert reader.load() == load_sweep(on_disk)
+    log.append({"event": RUNNING, "job": 2}, {"event": DONE, "job": 2, "metrics": {"nearest_rate": 1}})
+    assert reader.load() == load_sweep(on_disk)
+    assert [one.state for one in reader.load().jobs] == [DONE, FAILED, DONE]
+    with file.open("a") as out:
+        out.write('{"event": "planned", "job": 3')  # a line that is being written
+    assert len(reader.load().jobs) == 3
+    with file.open("a") as out:
+        out.write(', "overrides": ["seed=4"]}\nno line of ours\n')
+    assert reader.load() == load_sweep(on_disk)
+    assert (len(reader.load().jobs), reader.load().damaged_lines) == (4, 1)
+    file.write_text('{"event": "planned", "job": 0}\n')  # another file
+    assert len(reader.load().jobs) == 1
+    file.unlink()
+    assert reader.load().jobs == []
 
 
 def test_list_of_sweeps(on_disk, omnilab_here):

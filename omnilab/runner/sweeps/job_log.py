@@ -106,6 +106,11 @@ def read_events(folder: Path) -> tuple[list[Event], int]:
         raise DataError(f"{folder} holds no sweep (no {JOBS}); omnilab sweep list shows those there are") from None
     except (OSError, ValueError) as error:
         raise DataError(f"{folder / JOBS} cannot be read ({error}); mend or move it away") from error
+    return events_in(text)
+
+
+def events_in(text: bytes) -> tuple[list[Event], int]:
+    """The events of whole lines, and how many of those are damaged."""
     found = [_event(line) for line in text.splitlines() if line.strip()]
     events = [event for event in found if event is not None]
     return events, len(found) - len(events)

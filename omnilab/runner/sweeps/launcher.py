@@ -28,6 +28,7 @@ from omnilab.runner.sweeps.identity import job_identity
 from omnilab.runner.sweeps.job_log import PLANNED
 from omnilab.runner.sweeps.jobs import JOB
 from omnilab.runner.sweeps.objective import value_of
+from omnilab.runner.sweeps.reader import SweepReader
 from omnilab.runner.sweeps.state import Job
 
 TARGET = "hydra_plugins.omnilab.SweepLauncher"  # Hydra asks its plugins to have such a name
@@ -44,7 +45,7 @@ class SweepLauncher(Launcher):
     def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
         assert ActiveSweep.now is not None
         self._sweep, self._context = ActiveSweep.now, hydra_context
-        self._display = SweepDisplay(self._sweep.load)
+        self._display = SweepDisplay(SweepReader(self._sweep.folder, self._sweep.log.unwritten).load)
         self._registry = getattr(task_function, "registry", None) or discover()
         self._config = config.copy()
         with read_write(self._config), open_dict(self._config):

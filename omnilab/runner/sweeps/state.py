@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from functools import cached_property
@@ -81,17 +82,34 @@ def load_sweep(folder: str | Path, unwritten: Iterable[Event] = ()) -> LoadedSwe
         return _of_before(path)
     events, damaged = read_events(path) if (path / JOBS).exists() else ([], 0)
     jobs = jobs_of([*events, *unwritten], path)
-    return LoadedSweep(path, read_plan(path), [_as_it_stands(job) for job in jobs], damaged)
+    return LoadedSweep(path, read_plan(path), as_they_stand(jobs, path), damaged)
 
 
 def jobs_of(events: Iterable[Event], folder: Path) -> list[Job]:
     """The jobs as their events tell of them, by number."""
     jobs: dict[int, Job] = {}
+    tell(jobs, events, folder)
+    return [jobs[number] for number in sorted(jobs)]
+
+
+def tell(jobs: dict[int, Job], events: Iterable[Event], folder: Path) -> None:
+    """Bring jobs, by number, up to date with what happened since."""
     for event in events:
         if event["event"] != RESUMED:
             number = event["job"]
             jobs[number] = _after(jobs.get(number) or Job(number, (), folder / str(number)), event)
-    return [jobs[number] for number in sorted(jobs)]
+
+
+def as_they_stand(jobs: Iterable[Job], folder: Path) -> list[Job]:
+    """Jobs that had not ended by their events as their folders tell, of which those of planned jobs are not there yet."""
+    with suppress(OSError):
+        there = {path.name for path in folder.iterdir()}
+        return [job if _is_to_come(job, folder, there) else _as_it_stands(job) for job in jobs]
+    return [_as_it_stands(job) for job in jobs]
+
+
+def _is_to_come(job: Job, folder: Path, there: set[str]) -> bool:
+    return job.state == PLANNED and job.folder.parent == folder and job.folder.name not in there
 
 
 def _after(job: Job, event: Event) -> Job:

@@ -17,6 +17,7 @@ from omnilab.runner.run_folder.names import STATUS, SUMMARY, UNREADABLE
 from omnilab.runner.sweeps.display import SweepDisplay
 from omnilab.runner.sweeps.job_log import JOBS
 from omnilab.runner.sweeps.plan_file import PLAN
+from omnilab.runner.sweeps.reader import SweepReader
 from omnilab.runner.sweeps.snapshot import Snapshot, snapshot
 from omnilab.runner.sweeps.state import load_sweep
 from omnilab.runner.sweeps.status_table import advice, board, counted, data, duration, state
@@ -55,7 +56,7 @@ def latest_sweep() -> Path:
 
 def _watch(folder: Path) -> int:
     """Show a sweep while it goes on; the exit code."""
-    with SweepDisplay(lambda: load_sweep(folder), leads=False) as display:
+    with SweepDisplay(SweepReader(folder).load, leads=False) as display:
         try:
             while display.goes_on:
                 time.sleep(0.2)
