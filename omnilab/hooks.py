@@ -17,8 +17,8 @@ Protocol there.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import is_dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, is_dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Protocol
@@ -59,6 +59,19 @@ def snake_case(name: str) -> str:
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
 
 
+@dataclass(frozen=True)
+class RunSummary:
+    """What a run's folder says of it. What is not there, or damaged, is empty."""
+
+    folder: Path
+    state: str  # running, done, failed, interrupted, killed or silent
+    experiment: str = ""
+    overrides: Sequence[str] = ()
+    components: Mapping[str, str] = field(default_factory=dict)  # by slot, such as `descriptor`, the registered name
+    config: Mapping[str, Any] = field(default_factory=dict)  # all settings as they ran
+    metrics: Mapping[str, float] = field(default_factory=dict)
+
+
 class Runs(Protocol):
     """The runs on disk, for commands of plugins."""
 
@@ -67,6 +80,9 @@ class Runs(Protocol):
 
         Of a run that goes on, or may, that of a mended copy, which is taken away when the command ends.
         """
+
+    def summary(self, run: Path) -> RunSummary:
+        """What a run's folder says of it; DataError if there is none."""
 
 
 def hookspecs() -> type[Any]:

@@ -10,12 +10,13 @@ import stat
 import tempfile
 import traceback
 import weakref
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from omnilab.errors import DataError, OmnilabError
+from omnilab.hooks import RunSummary
 from omnilab.runner.run_folder import KILLED, RUNNING, SILENT, LoadedRun, RunFolder, load_run
 from omnilab.runner.run_folder.lock import LOCK, REPAIR, RunLock
 from omnilab.runner.run_folder.names import STATUS
@@ -52,6 +53,27 @@ class RunsOnDisk:
             for sentence in done + failures:
                 print_error(sentence)
         return loaded.folder
+
+    def summary(self, run: Path) -> RunSummary:
+        """What a run's folder says of it; DataError if there is none. What is damaged counts as not there."""
+        loaded = load_run(run)
+
+        def known(part: Callable[[], Any]) -> Any:
+            with suppress(DataError):
+                return part()
+            return {}
+
+        manifest = known(lambda: loaded.manifest)
+        named = manifest.get("components")
+        return RunSummary(
+            loaded.folder,
+            loaded.state,
+            manifest.get("experiment", ""),
+            manifest.get("overrides", ()),
+            {slot: str(part.get("name")) for slot, part in named.items()} if isinstance(named, dict) else {},
+            known(lambda: loaded.config),
+            known(lambda: loaded.metrics),
+        )
 
     def _copy(self, run: LoadedRun) -> Path:
         place = tempfile.mkdtemp(prefix="omnilab-")

@@ -13,6 +13,7 @@ from omnilab.errors import ConfigError
 
 Extents = Mapping[str, Floats]  # path: corners (2, 3)
 BACKGROUND = (14, 18, 24)
+SQUARE = 1.07  # width over height of a view in which what is wide fits as soon as what is high does
 VIEWS: Mapping[str, Callable[..., rrb.View]] = {
     "map": rrb.Spatial3DView,
     "image": rrb.Spatial2DView,
@@ -50,7 +51,7 @@ def _view_settings(panel: Panel, extents: Extents) -> dict[str, Any]:
     match panel.kind:
         case "map":
             known = [extents[path] for path in map(absolute, panel.contents) if path in extents]
-            return {"background": BACKGROUND, "line_grid": False, "eye_controls": _eye(known) if known else None}
+            return {"background": BACKGROUND, "line_grid": False, "eye_controls": eye(known) if known else None}
         case "plot":
             return {"plot_legend": rrb.PlotLegend(rrb.Corner2D.RightTop)}
         case "log":
@@ -58,12 +59,14 @@ def _view_settings(panel: Panel, extents: Extents) -> dict[str, Any]:
     return {}
 
 
-def _eye(corners: Sequence[Floats]) -> rrb.EyeControls3D:
-    """From the south and above, far enough to see everything."""
+def eye(corners: Sequence[Floats], aspect: float = SQUARE) -> rrb.EyeControls3D:
+    """From the south and above, far enough to see everything in a view of this width over height."""
     low, high = np.min([pair[0] for pair in corners], 0), np.max([pair[1] for pair in corners], 0)
     center = (low + high) / 2
     wide, deep, _ = high - low
-    far = max(0.6 * np.linalg.norm(high - low), 0.85 * wide, 1.05 * deep)  # of what is deep, the near end leaves first
+    far = max(
+        0.6 * np.linalg.norm(high - low), 0.85 * wide * max(1, SQUARE / aspect), 1.05 * deep
+    )  # of what is deep, the near end leaves first
     away = np.array([0.0, -0.6, 1.0]) * far
     return rrb.EyeControls3D(position=center + away, look_target=center)
 

@@ -11,6 +11,16 @@ Color = tuple[int, int, int]
 TRUTH: Color = (255, 255, 255)
 PLACE: Color = (110, 130, 160)
 VERDICT: dict[str, Color] = {"nearest": (70, 200, 120), "second": (245, 180, 60), "wrong": (235, 80, 80)}
+RUNS: dict[str, Color] = {  # of runs that are shown together; by Okabe and Ito, to be told apart by every eye
+    "blue": (86, 180, 233),
+    "orange": (230, 159, 0),
+    "green": (0, 188, 135),
+    "pink": (224, 130, 190),
+    "yellow": (240, 228, 66),
+    "red": (225, 87, 20),
+    "violet": (150, 120, 255),
+    "grey": (170, 170, 170),
+}
 
 
 def heat(share: Floats) -> Bytes:

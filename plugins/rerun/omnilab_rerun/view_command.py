@@ -12,15 +12,31 @@ from pathlib import Path
 from omnilab.hooks import Runs
 from omnilab_rerun.sink import RerunSink
 
+LATEST, STATUS = Path("logs/latest"), "status.json"
+
 
 def view(runs: Runs, argv: Sequence[str]) -> int:
-    """Open a run's recording in Rerun, or take its picture without a display."""
+    """Open a run's recording in Rerun, or those of several side by side, or take a picture of it without a display."""
     options = _parser().parse_args(argv)
+    folders = [folder for given in options.run or [LATEST] for folder in jobs_of(given)]
     with _ended_in_good_order():
-        RerunSink().view(runs.ready(options.run), screenshot=options.screenshot, step=options.step)
+        if len(folders) == 1:
+            RerunSink().view(runs.ready(folders[0]), screenshot=options.screenshot, step=options.step)
+        else:
+            from omnilab_rerun.several import view_several
+
+            view_several(runs, folders, options.screenshot, options.step)
     if options.screenshot is not None:
         sys.stderr.write(f"omnilab: the picture is {options.screenshot}\n")
     return 0
+
+
+def jobs_of(folder: Path) -> list[Path]:
+    """The runs of a sweep's jobs, by their numbers, without earlier attempts; any other folder is itself."""
+    if (folder / STATUS).exists() or not folder.is_dir():
+        return [folder]
+    jobs = [job for job in folder.iterdir() if job.name.isdecimal() and (job / STATUS).is_file()]
+    return sorted(jobs, key=lambda job: int(job.name)) or [folder]
 
 
 @contextmanager
@@ -41,7 +57,7 @@ def _ended_in_good_order() -> Iterator[None]:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser("omnilab view", description=view.__doc__)
     add = parser.add_argument
-    add("run", nargs="?", type=Path, default=Path("logs/latest"), help="run folder (default: the latest)")
+    add("run", nargs="*", type=Path, help="run folders, or a sweep's for all its jobs (default: the latest run)")
     add("--screenshot", type=Path, metavar="FILE.png", help="write this PNG instead of opening a window")
     add("--step", type=int, help="the step to show in the picture (default: the last with an image)")
     return parser

@@ -8,7 +8,7 @@ import secrets
 import subprocess
 import tempfile
 import time
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
@@ -26,10 +26,10 @@ SETTLE_TRIES = 20
 MOST_SPANS = 8  # of steps that are named one by one
 
 
-def show(recording: Path) -> None:
-    """Open the viewer and wait until it is closed; DataError if it does not start."""
+def show(recording: Path, *parts: Path) -> None:
+    """Open the viewer on a recording, be it in parts, and wait until it is closed; DataError if it does not start."""
     _exists(recording)
-    call = [binary(), str(recording), "--bind", LOOPBACK, "--port", "auto"]
+    call = [binary(), str(recording), *map(str, parts), "--bind", LOOPBACK, "--port", "auto"]
     ended = subprocess.run(call, env=quiet_environment(), stderr=subprocess.PIPE, text=True, check=False)
     if ended.returncode:
         raise DataError(
@@ -38,8 +38,10 @@ def show(recording: Path) -> None:
         )
 
 
-def take_picture(recording: Path, picture: Path, step: int | None, size: tuple[int, int]) -> None:
-    """Show a step of the recording in a viewer without a window, and write what is seen as a PNG.
+def take_picture(
+    recording: Path, picture: Path, step: int | None, size: tuple[int, int], *parts: Path, title: str = ""
+) -> None:
+    """Show a step of the recording, be it in parts, in a viewer without a window, and write what is seen as a PNG.
 
     ConfigError for another kind of file or a step that was not logged, DataError if nothing can be read, shown or
     written; the file is written whole or not at all.
@@ -59,8 +61,8 @@ def take_picture(recording: Path, picture: Path, step: int | None, size: tuple[i
         steps, last_image = steps_of(recording)
         if step is not None and step not in steps:
             there = f"it has {_spans(steps)}" if steps else "it has none; leave --step out"
-            raise ConfigError(f"{recording} has no step {step}; {there}")
-        part.write_bytes(_seen(recording, last_image if step is None else step, size))
+            raise ConfigError(f"{title or recording} has no step {step}; {there}")
+        part.write_bytes(_seen([recording, *parts], last_image if step is None else step, size))
         part.replace(picture)
     finally:
         part.unlink(missing_ok=True)
@@ -84,7 +86,7 @@ def steps_of(recording: Path) -> tuple[set[int], int | None]:
     """The steps at which something was logged, and the last of them with an image."""
     steps, images = set[int](), set[int]()
     try:
-        for chunk in RrdReader(recording).stream().filter(has_timeline="step").to_chunks():
+        for chunk in RrdReader(recording).stream().filter(has_timeline="step"):
             batch = chunk.to_record_batch()
             logged = batch.column("step").cast("int64").to_pylist()
             steps.update(logged)
@@ -95,11 +97,11 @@ def steps_of(recording: Path) -> tuple[set[int], int | None]:
     return steps, max(images, default=None)
 
 
-def _seen(recording: Path, step: int | None, size: tuple[int, int]) -> bytes:
+def _seen(recordings: Sequence[Path], step: int | None, size: tuple[int, int]) -> bytes:
     """A PNG of a step. A viewer that does not answer in time gets a second try: the machine may be busy."""
     for again in (True, False):
         try:
-            with _headless_viewer(recording, size) as client:
+            with _headless_viewer(recordings, size) as client:
                 client.run_command("ui.toggle_top_panel")
                 if step is not None:
                     client.set_time("step", sequence=step, play_state="paused")
@@ -134,10 +136,10 @@ def _settled(client: ViewerClient, longest: int) -> bytes:
 
 
 @contextmanager
-def _headless_viewer(recording: Path, size: tuple[int, int]) -> Iterator[ViewerClient]:
+def _headless_viewer(recordings: Sequence[Path], size: tuple[int, int]) -> Iterator[ViewerClient]:
     port = free_port()
     options = ["--headless", "--hide-welcome-screen", "--window-size", f"{size[0]}x{size[1]}"]
-    call = [binary(), str(recording), *options, "--bind", LOOPBACK, "--port", str(port)]
+    call = [binary(), *map(str, recordings), *options, "--bind", LOOPBACK, "--port", str(port)]
     with tempfile.TemporaryFile("w+") as log:
         # what it logs below an error it also shows on top of the picture
         viewer = subprocess.Popen(call, env=quiet_environment() | {"RUST_LOG": "error"}, stdout=log, stderr=log)

@@ -89,6 +89,6 @@ def test_help_names_the_options(command, capsys):
         command(["--help"])
     text = capsys.readouterr().out
     assert text.startswith("usage: omnilab view")
-    assert "Open a run's recording in Rerun, or take its picture without a display." in text
+    assert "Open a run's recording in Rerun, or those of several side by side" in text
     assert "--screenshot FILE.png" in text
     assert "--step STEP" in text

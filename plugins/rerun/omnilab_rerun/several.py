@@ -1,0 +1,68 @@
+"""Several runs in one viewer: which of them can be shown, and what cannot."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from omnilab.errors import ConfigError, DataError
+from omnilab.hooks import Runs
+from omnilab_rerun.colors import RUNS
+from omnilab_rerun.comparison import not_common, write_comparison
+from omnilab_rerun.contents import contents_of
+from omnilab_rerun.differences import differences, short_names
+from omnilab_rerun.merging import ShownRun, merge
+from omnilab_rerun.sink import FILE
+from omnilab_rerun.viewer import show, take_picture
+
+SIZE = (1600, 900)  # of a picture, pixels
+
+
+def view_several(runs: Runs, folders: Sequence[Path], screenshot: Path | None, step: int | None) -> None:
+    """Show runs side by side, or take their picture. What is not shown is said.
+
+    ConfigError for one that is given twice, and for more than can be told apart; DataError if none has a recording.
+    """
+    _check(folders)
+    recorded = []
+    for summary in map(runs.summary, folders):
+        if (ready := runs.ready(summary.folder) / FILE).is_file():
+            recorded.append((summary, ready))
+        else:
+            _say(f"{summary.folder} has no {FILE} and is left out; run it with the sink rerun")
+    if not recorded:
+        raise DataError(f"none of the {len(folders)} runs has a recording; run the experiments with the sink rerun")
+    summaries = [summary for summary, _ in recorded]
+    different = differences(summaries)
+    shown = [
+        ShownRun(name, color, recording, contents_of(recording))
+        for name, color, (_, recording) in zip(short_names(summaries, different), RUNS.values(), recorded, strict=False)
+    ]
+    for sentence in not_common(shown, summaries):
+        _say(sentence)
+    with tempfile.TemporaryDirectory(prefix="omnilab-") as place:
+        merged, layout = Path(place) / "runs.rrd", Path(place) / "layout.rrd"
+        merge(shown, merged)
+        write_comparison(shown, summaries, different, layout)
+        if screenshot is None:
+            show(merged, layout)
+        else:
+            take_picture(merged, screenshot, step, SIZE, layout, title="the merged recording")
+
+
+def _check(folders: Sequence[Path]) -> None:
+    if len(folders) > len(RUNS):
+        raise ConfigError(
+            f"{len(folders)} runs are more than can be told apart; give up to {len(RUNS)}, such as"
+            f" {' '.join(map(str, folders[:2]))}"
+        )
+    places = [folder.resolve() for folder in folders]
+    for i, place in enumerate(places):
+        if place in places[:i]:
+            raise ConfigError(f"{folders[i]} is given twice; give each run once")
+
+
+def _say(sentence: str) -> None:
+    sys.stderr.write(f"omnilab: {sentence}\n")

@@ -1,0 +1,43 @@
+"""What commands of plugins are told of the runs on disk."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from omnilab.api import Metric, Report
+from omnilab.errors import DataError
+from omnilab.hooks import RunSummary
+from omnilab.runner.registry import Registry
+from omnilab.runner.repair import RunsOnDisk
+from omnilab.runner.run_folder import DONE, RunFolder
+
+MANIFEST = {"experiment": "grid", "overrides": ["seed=3"], "components": {"descriptor": {"name": "radon"}}}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    run = RunFolder(tmp_path / "run")
+    run.open(MANIFEST, "seed: 3\nstudy: {}\n")
+    run.write(Report([Metric("rate", 0.5, "1")]))
+    run.end(DONE)
+    return run.folder.resolve()
+
+
+def test_the_summary_is_what_the_folder_says(folder):
+    assert RunsOnDisk(Registry()).summary(folder) == RunSummary(
+        folder, DONE, "grid", ["seed=3"], {"descriptor": "radon"}, {"seed": 3, "study": {}}, {"rate": 0.5}
+    )
+
+
+@pytest.mark.parametrize("damage", ["[", json.dumps(MANIFEST | {"overrides": 3}), ""])
+def test_what_is_damaged_counts_as_not_there(folder, damage):
+    for name in ("manifest.json", "config.yaml", "metrics.csv"):
+        (folder / name).write_text(damage)
+    assert RunsOnDisk(Registry()).summary(folder) == RunSummary(folder, DONE)
+
+
+def test_a_folder_without_a_run_is_refused(tmp_path):
+    with pytest.raises(DataError, match="holds no run"):
+        RunsOnDisk(Registry()).summary(tmp_path)
