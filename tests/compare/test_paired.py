@@ -115,7 +115,8 @@ def test_two_descriptors_on_the_same_queries(omnilab_in, tmp_path, request):
     assert comparison.groups["descriptor"].tolist() == ["tiny_image", "fourier_signature"]
     found = {pair.error: pair for pair in paired_errors(comparison)[0]}
     expected = scipy_of(tmp_path / "sweep/0", tmp_path / "sweep/1", "error_m")
-    assert {name: getattr(found["error_m"], name) for name in expected} == pytest.approx(expected, rel=1e-12)
+    for name, value in expected.items():
+        assert getattr(found["error_m"], name) == pytest.approx(value, rel=1e-12), name
     shown = omnilab_in(tmp_path, "compare", "sweep").stdout
     low, high = expected["mean_interval"]
     assert f"({low:.4g} to {high:.4g})" in shown

@@ -11,7 +11,15 @@ from typing import Any
 
 from omnilab.runner.run_folder.reading import safe_yaml
 
-BESIDE = {"seed", "logs", "cache", "cache_gb", "limits", "sinks"}  # sections that change no result, and the seed
+BESIDE = {
+    "seed",
+    "logs",
+    "cache",
+    "cache_gb",
+    "limits",
+    "objective",
+    "sinks",
+}  # sections that change no result, and the seed
 SECTION = re.compile(r"^(?=[^\s\-#])", re.MULTILINE)
 NAME = re.compile(r"([A-Za-z_]\w*):(?:\s|$)")
 DIGEST_DIGITS = 8  # of a file's content that are shown
@@ -27,7 +35,7 @@ class Configuration:
     sections: Mapping[str, Settings]  # of config.yaml: each slot, and each setting beside them
     components: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # of the manifest, by slot
     files: Mapping[str, Any] = field(default_factory=dict)  # digests of what was read, by setting
-    overridden: frozenset[str] = frozenset()  # settings that the command line named
+    overrides: Sequence[str] = ()
 
 
 class SectionReader:
@@ -59,7 +67,9 @@ def differences(configurations: Sequence[Configuration]) -> dict[str, Column]:
     """
     slots = {slot: column for slot, column in _components(configurations).items() if len(set(column)) > 1}
     named = {slot for configuration in configurations for slot in configuration.components}
-    overridden = frozenset[str]().union(*(configuration.overridden for configuration in configurations))
+    overridden = {
+        _path_of(override) for configuration in configurations for override in configuration.overrides if slots
+    }
     found = dict(slots)
     for path, column in _settings(configurations).items():
         column = _with_digests(column, [configuration.files.get(path) for configuration in configurations])  # noqa: PLW2901
@@ -68,6 +78,11 @@ def differences(configurations: Sequence[Configuration]) -> dict[str, Column]:
         if len(set(column)) > 1 and path not in named and not brought:
             found[path] = column
     return found
+
+
+def _path_of(override: str) -> str:
+    """The setting that an override names."""
+    return override.partition("=")[0].lstrip("+~")
 
 
 def _components(configurations: Sequence[Configuration]) -> dict[str, Column]:

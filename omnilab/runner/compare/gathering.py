@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -87,12 +87,8 @@ def _compared(run: LoadedRun, name: str, sections: SectionReader) -> ComparedRun
     components = _mapping(run, manifest, "components")
     if not all(isinstance(component, dict) for component in components.values()):
         raise run.unreadable("manifest.json", "its components should be mappings")
-    configuration = Configuration(
-        run.parsed("config.yaml", sections.read),
-        components,
-        _mapping(run, manifest, "files"),
-        frozenset(_overridden(manifest["overrides"])),
-    )
+    files = _mapping(run, manifest, "files")
+    configuration = Configuration(run.parsed("config.yaml", sections.read), components, files, manifest["overrides"])
     study = str(components.get("study", {}).get("name") or manifest["experiment"])
     seed = configuration.sections.get("seed", {}).get("seed", "")
     return ComparedRun(name, run.folder, study, seed, configuration, run.metrics, run.units, run.intervals)
@@ -104,9 +100,3 @@ def _mapping(run: LoadedRun, manifest: Mapping[str, Any], key: str) -> Mapping[s
     if not isinstance(found, dict):
         raise run.unreadable("manifest.json", f"its {key} should be a mapping")
     return found
-
-
-def _overridden(overrides: Iterable[str]) -> Iterator[str]:
-    """The settings that overrides name."""
-    for override in overrides:
-        yield override.partition("=")[0].lstrip("+~")

@@ -21,7 +21,7 @@ COLORS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#00
 MARKERS = "osD^vP*X"
 MAP = "cividis"  # the same to all eyes
 DPI = 150
-MOST_CURVES, MOST_CELLS, MOST_LABELS, MOST_TICKS = len(COLORS), 120, 6, 12
+MOST_CURVES, MOST_BANDS, MOST_CELLS, MOST_LABELS, MOST_TICKS = len(COLORS), 16, 120, 6, 12
 LOGARITHMIC = 30.0  # from this ratio on
 LONGEST = 48  # characters of a text
 
@@ -75,30 +75,33 @@ def curves(setting: str, metric: str, lines: Sequence[MetricCurve]) -> Figure:
     """A metric against one setting; a curve for each combination of the others, with a band over seeds."""
     figure, axes = _figure(7.0, 4.4)
     scale = Scale([value for line in lines for value in line.at])
-    stroke, bands = "-" if scale.numeric else ":", scale.numeric and all(line.over_seeds.all() for line in lines)
+    stroke, few = "-" if scale.numeric else ":", len(lines) <= MOST_BANDS
+    bands = scale.numeric and all(line.over_seeds.all() for line in lines)
     for i, line in enumerate(lines):
         x, style = scale.of(line.at), _style(i, len(lines))
         axes.plot(x, line.value, stroke, label=plain(line.label), lw=1.8, ms=5, **style)
-        if bands:
+        if few and bands:
             axes.fill_between(x, line.low, line.high, color=style["color"], alpha=0.16, lw=0)
-        else:
+        elif few:
             bars = np.vstack([line.value - line.low, line.high - line.value]).clip(0)
             axes.errorbar(x, line.value, bars, fmt="none", ecolor=style["color"], alpha=0.55, lw=1.1, capsize=2.5)
     scale.show(axes)
     axes.set(xlabel=plain(setting), ylabel=plain(metric))
     axes.margins(x=0.05 if scale.numeric else 0.15)
-    axes.set_title(_about_curves(lines, "bands" if bands else "bars"), loc="left", fontsize=9, color="#444444")
+    axes.set_title(_about_curves(lines, "bands" if bands else "bars", few), loc="left", fontsize=9, color="#444444")
     if 1 < len(lines) <= MOST_CURVES:
         figure.legend(loc="outside right upper", frameon=False, fontsize=8.5)
     return figure
 
 
-def _about_curves(lines: Sequence[MetricCurve], shapes: str) -> str:
+def _about_curves(lines: Sequence[MetricCurve], shapes: str, few: bool) -> str:
     """What the curves are of, and their bands or bars."""
     over_seeds = np.concatenate([line.over_seeds for line in lines])
     of = "over seeds" if over_seeds.all() else "over seeds, or of the one run" if over_seeds.any() else "of the run"
-    many = f"{len(lines)} combinations of the other settings; " if len(lines) > MOST_CURVES else ""
-    return f"{many}{shapes}: 95 % interval {of}"
+    words = [f"{shapes}: 95 % interval {of}"] if few else []
+    if len(lines) > MOST_CURVES:
+        words.append(f"{len(lines)} curves, dark: {plain(lines[0].label)}, to light: {plain(lines[-1].label)}")
+    return "\n".join(words)
 
 
 def heat_maps(across: str, down: str, metric: str, panels: Mapping[str, Mapping[tuple[Any, Any], float]]) -> Figure:
@@ -112,8 +115,9 @@ def heat_maps(across: str, down: str, metric: str, panels: Mapping[str, Mapping[
     low, high = (known.min(), known.max()) if len(known) else (0.0, 1.0)
     for axes, title, grid in zip(np.atleast_1d(first), panels, grids, strict=True):
         image = axes.imshow(grid, cmap=MAP, vmin=low, vmax=high, aspect="auto")
-        axes.set_xticks(range(len(columns)), [plain(x, 14) for x in columns])
-        axes.set_yticks(range(len(rows)), [plain(y, 14) for y in rows])
+        for set_ticks, values in (axes.set_xticks, columns), (axes.set_yticks, rows):
+            shown = range(0, len(values), 1 + (len(values) - 1) // MOST_TICKS)
+            set_ticks(list(shown), [plain(values[i], 14) for i in shown])
         axes.set(xlabel=plain(across), ylabel=plain(down))
         axes.set_title(plain(title), fontsize=9)
         axes.grid(visible=False)
@@ -190,7 +194,7 @@ def pareto(cost: str, metric: str, points: tuple[Floats, Floats], labels: Sequen
         front = front[np.argsort(x[front])]
         axes.step(x[front], y[front], where="post", color=COLORS[0], lw=1.5, zorder=3)
         axes.scatter(x[front], y[front], s=42, color=COLORS[0], zorder=4)
-        for i in front[np.unique(np.linspace(0, len(front) - 1, min(len(front), MOST_LABELS)).astype(int))]:
+        for i in _apart(x, y, front):
             left = x[i] < np.median([x.min(), x.max()])
             place = {"xytext": (7, -3), "ha": "left"} if left else {"xytext": (-7, 3), "ha": "right"}
             text = axes.annotate(plain(labels[i]), (x[i], y[i]), textcoords="offset points", fontsize=8,
@@ -204,6 +208,16 @@ def pareto(cost: str, metric: str, points: tuple[Floats, Floats], labels: Sequen
     axes.set(xlabel=plain(cost), ylabel=plain(metric))
     axes.set_title(f"Pareto front ({better})" if sign else better, loc="left", fontsize=9, color="#444444")
     return figure
+
+
+def _apart(x: Floats, y: Floats, front: Any) -> list[int]:
+    """Points of a front whose labels do not lie on one another: first its ends, then those between."""
+    chosen: list[int] = []
+    for i in [*front[[-1, 0]], *front[1:-1]]:
+        near = [j for j in chosen if abs(x[i] - x[j]) < 0.5 * np.ptp(x) and abs(y[i] - y[j]) < 0.08 * np.ptp(y)]
+        if not near and i not in chosen and len(chosen) < MOST_LABELS:
+            chosen.append(i)
+    return chosen
 
 
 def on_front(cost: Floats, value: Floats) -> Any:
