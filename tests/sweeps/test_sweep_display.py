@@ -28,7 +28,7 @@ from omnilab.runner.sweeps.plan_file import SweepPlan
 from omnilab.runner.sweeps.reader import SweepReader
 from omnilab.runner.sweeps.snapshot import Snapshot
 from omnilab.runner.sweeps.state import Job, LoadedSweep, load_sweep
-from omnilab.runner.sweeps.status_table import advice, board, duration
+from omnilab.runner.sweeps.status_table import advice, board, duration, overall
 
 NOW = datetime(2026, 11, 29, 12, tzinfo=UTC)
 HOST = os.uname().nodename
@@ -73,6 +73,8 @@ def test_the_clock_of_another_host_makes_no_time_negative(ahead_s):
     found = seen(job(0, RUNNING, ahead_s), job(1, DONE, ahead_s, 5), job(2, DONE, -10, 0), job(3, RUNNING))
     assert [found.seconds(one) for one in found.sweep.jobs] == [0, 0, 10, 10]
     assert found.left_s >= 0
+    assert overall(seen(job(0, DONE), job(1, RUNNING, -20))) == "1 of 2 jobs done, nearly done"
+    assert overall(seen(job(0, DONE), job(1, DONE))) == "2 of 2 jobs done"
     assert found.seconds(replace(job(4, DONE), started="yesterday")) is None
 
 
@@ -100,8 +102,9 @@ def rendered(found: Snapshot, width: int, height: int, **more: object) -> list[s
     return console.file.getvalue().splitlines()
 
 
-@pytest.mark.parametrize(("width", "height"), [(40, 8), (60, 24), (100, 24), (200, 60)])
-@pytest.mark.parametrize("count", [3, 10_000])
+@pytest.mark.parametrize(
+    ("width", "height", "count"), [(40, 8, 3), (40, 8, 200), (60, 24, 3), (60, 24, 10_000), (200, 60, 200)]
+)
 def test_the_table_fits_any_terminal_and_shows_what_matters(width, height, count):
     states = (
         {0: DONE, 1: RUNNING, 2: FAILED} | dict.fromkeys(range(10, 40), RUNNING) | dict.fromkeys(range(50, 99), FAILED)
@@ -244,6 +247,20 @@ def test_what_a_worker_prints_is_in_its_file(tmp_path):
     text = (tmp_path / "output" / "3.log").read_text()
     assert [text.count(word) for word in ("one", "two", " of a library ", "of a child\n", "lost")] == [1, 1, 2, 2, 0]
     assert [path.name for path in (tmp_path / "output").iterdir()] == ["3.log"]
+
+
+@pytest.mark.slow
+def test_workers_of_joblib_print_nothing_on_the_terminal(omnilab, tmp_path):
+    """Neither bars nor lines of theirs: one process speaks."""
+    words = ("-m", "~experiment", "study=work", "~sinks.rerun", "~sinks.mcap", "hydra.sweep.dir=s")
+    two = ("study.how=well,fail", "study.wait_s=2", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
+    ended = omnilab(*words, *two, env={"OMNILAB_PLUGINS": str(Path(__file__).with_name("omnilab_jobs.py"))})
+    lines = ended.stderr.splitlines()
+    assert {line.split(" (")[0] for line in lines[:-1]} <= {"omnilab: job 0", "omnilab: job 1"}
+    assert [" done in " in ended.stderr, " failed after " in ended.stderr] == [True, True]
+    assert "1 of 2 jobs did not end well" in lines[-1]
+    assert "draws" in (tmp_path / "s/output/0.log").read_text()
+    assert "told to fail" in (tmp_path / "s/output/1.log").read_text()
 
 
 # --------------------------------------------------------------------------------------------------------- commands

@@ -52,10 +52,10 @@ class Snapshot:
     @cached_property
     def left_s(self) -> float | None:
         """Time to the end, if as many jobs run at once as now and take as long as those that are done. None: not known."""
-        if not self.goes_on or not self._mean_s:
+        running, planned = self._lefts_s, self.sweep.counts.get(PLANNED, 0)
+        if not self.goes_on or not self._mean_s or not (running or planned):
             return None
-        running = self._lefts_s
-        work_s = sum(running) + self._mean_s * self.sweep.counts.get(PLANNED, 0)
+        work_s = sum(running) + self._mean_s * planned
         return max([0.0, work_s / max(1, len(running)), *running])
 
     @cached_property

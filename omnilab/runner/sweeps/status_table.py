@@ -41,8 +41,8 @@ def overall(seen: Snapshot) -> str:
     counts = seen.sweep.counts
     words = [f"{counts.get(DONE, 0)} of {seen.total} jobs done"]
     words += [f"{counts[state]} {state}" for state in (*BAD, SILENT) if counts.get(state)]
-    if left := duration(seen.left_s):
-        words.append(f"about {left} left")
+    if seen.left_s is not None:
+        words.append(f"about {duration(seen.left_s)} left" if seen.left_s >= 1 else "nearly done")
     return ", ".join(words)
 
 
