@@ -44,6 +44,7 @@ def test_every_command_and_recipe_is_shown():
         assert f"experiment={recipe.stem}" in README or recipe.stem == "quickstart"
 
 
+@pytest.mark.slow
 def test_the_library_example_runs(tmp_path, monkeypatch, capsys, request):
     request.getfixturevalue("omnilab_here")("study.step_m=2", "study.query_count=4", "study.show=1", "sensor.size=64")
     (example,) = [block for block in _blocks("python") if "Recorder" in block]

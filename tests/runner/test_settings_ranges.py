@@ -281,6 +281,7 @@ def test_settings_within_settings_and_those_without_a_default_are_data_too() -> 
 
 
 # ------------------------------------------------------------------------------------------------ work that is too large
+@pytest.mark.slow
 def test_work_beyond_the_memory_that_is_free_is_done_where_it_is_asked_for_and_a_file_asks_for_nothing(
     omnilab_here, monkeypatch
 ) -> None:

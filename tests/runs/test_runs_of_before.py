@@ -132,7 +132,7 @@ def test_a_run_is_repeated(name, here, omnilab_here):
     assert (here / "logs/latest/config.yaml").is_file()
 
 
-@pytest.mark.parametrize("name", ["map", "map_pca"])
+@pytest.mark.parametrize("name", ["map", pytest.param("map_pca", marks=pytest.mark.slow)])
 def test_a_map_is_asked(name, here, omnilab_here):
     done = omnilab_here("experiment=localize", f"map={here / name / 'map.npz'}", *SMALL, *NO_LOGS)
     assert done.rc == 0, done.stderr

@@ -335,6 +335,7 @@ class Replayed:
         return None
 
 
+@pytest.mark.slow
 def test_recorded_images_give_the_answers_of_the_virtual_sensor(tmp_path, omnilab_here):
     mirror = Mirror(str(WORLD), size=96, samples=1)
     free = mirror.plan(GridPoses(0.25)).T_world_camera[:, :3, 3]

@@ -340,6 +340,7 @@ def test_closures_flash_and_the_robot_moves_over_the_truth(run):
     assert report.summary.startswith("## Trajectory")
 
 
+@pytest.mark.slow
 def test_a_backend_of_its_own_may_reject_wrong_closures(run, plain):
     report = run(
         loop_closure=Everything(wrong={12: 2}), backends={"least": plain["Least"](), "again": plain["Least"]()}
