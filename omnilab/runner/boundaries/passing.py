@@ -61,14 +61,14 @@ def _unshared(last: list[Any], shared: bool, alone: int) -> Any:
         )
     if kind is dict:
         return {key: _unshared([value[key]], shared, ALONE + 1) for key in value}
-    return _changed(
-        value,
-        {
-            name: _unshared([getattr(value, name)], shared, ALONE + 1)
-            for name in _names(kind)
-            if holds_arrays(getattr(value, name))
-        },
-    )
+    parts = {
+        name: _unshared([getattr(value, name)], shared, ALONE + 1)
+        for name in _names(kind)
+        if holds_arrays(getattr(value, name))
+    }
+    if not shared and all(part is getattr(value, name) for name, part in parts.items()):
+        return value
+    return _changed(value, parts)
 
 
 def _is_part(last: list[Any]) -> bool:
@@ -94,7 +94,12 @@ def _changed(value: Any, parts: dict[str, Any]) -> Any:
     """A copy of a dataclass with other values of some fields."""
     if not parts:
         return value
-    new = copy.copy(value)
+    kind = type(value)
+    if kind.__module__.startswith("omnilab.api."):  # a plain one: as `copy` does, in a third of its time
+        new = object.__new__(kind)
+        vars(new).update(vars(value))
+    else:
+        new = copy.copy(value)
     for name, part in parts.items():
         object.__setattr__(new, name, part)
     return new

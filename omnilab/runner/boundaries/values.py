@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
@@ -16,6 +17,7 @@ EXACTLY = {"float32", "float64", "int64", "uint8"}
 LARGEST = 8  # bytes of a number: no library takes longer ones
 PLAIN = (np.ndarray, np.memmap)  # no masked arrays and no matrices
 ITEMS = "items"  # what `Wrong` calls images, queries, ...; who catches it knows which
+SMALL = 16  # numbers, as poses and their covariances have
 RIGID = 1e-3  # how far R R^T may be from the identity
 Shape = tuple[Any, ...]  # of numbers, or None for any number; ends in ... where more axes may follow
 
@@ -73,7 +75,9 @@ def _fits(shape: tuple[int, ...], expected: Shape) -> bool:
     if expected and expected[-1] is ...:
         expected = expected[:-1]
         shape = shape[: len(expected)] if len(shape) >= len(expected) else shape
-    return len(shape) == len(expected) and all(e in (None, n) for n, e in zip(shape, expected, strict=True))
+    if len(shape) != len(expected):
+        return False
+    return not [side for side, wanted in zip(shape, expected, strict=True) if wanted is not None and wanted != side]
 
 
 def shown(shape: Shape) -> str:
@@ -83,6 +87,8 @@ def shown(shape: Shape) -> str:
 
 
 def _finite(values: npt.NDArray[Any], name: str, nan: bool, inf: bool) -> None:
+    if values.size <= SMALL and all(map(math.isfinite, values.ravel().tolist())):  # quicker than NumPy, of so few
+        return
     bad = np.isinf(values) if nan else np.isnan(values) if inf else ~np.isfinite(values)
     if not bad.any():
         return
@@ -126,12 +132,37 @@ def covariances(value: Any, name: str, count: int, size: int, definite: bool = F
     `definite`: none of which is singular, so that they can be inverted.
     """
     C = array(value, name, (count, size, size))
-    if not count:
-        return
-    with suppress(np.linalg.LinAlgError):  # most are sound, which this is the quickest way to see
+    if not _are_definite(C):
+        _check_covariances(C, name, definite)
+
+
+def _are_definite(C: npt.NDArray[Any]) -> bool:
+    """Whether all covariances (N, k, k) are symmetric and positive definite, which most are and this sees quickly."""
+    if C.size <= SMALL:
+        return all(map(_is_definite, C.tolist()))
+    with suppress(np.linalg.LinAlgError):
         if np.array_equal(C, C.transpose(0, 2, 1)):
             np.linalg.cholesky(C)
-            return
+            return True
+    return False
+
+
+def _is_definite(rows: list[list[float]]) -> bool:
+    """The same of one, by Cholesky's decomposition: all that is left on the diagonal is positive."""
+    while rows:
+        first, *others = rows
+        if not first[0] > 0 or any(row[0] != value for row, value in zip(others, first[1:], strict=True)):
+            return False
+        rows = [
+            [value - row[0] * above / first[0] for value, above in zip(row[1:], first[1:], strict=True)]
+            for row in others
+        ]
+    return True
+
+
+def _check_covariances(C: npt.NDArray[Any], name: str, definite: bool) -> None:
+    """Wrong unless covariances (N, k, k) are symmetric but for rounding, without negative variances."""
+    count = len(C)
     scale = np.maximum(np.abs(C).max(axis=(1, 2)), 1e-300)
     unit = C / scale[:, None, None]
     off = np.abs(unit - unit.transpose(0, 2, 1)).max(axis=(1, 2)) > RIGID
@@ -147,7 +178,9 @@ def covariances(value: Any, name: str, count: int, size: int, definite: bool = F
 
 def covariance(value: Any, name: str, size: int, definite: bool = False) -> None:
     """Wrong unless a value is one covariance (size, size)."""
-    covariances(array(value, name, (size, size))[None], name, 1, size, definite)
+    C = array(value, name, (size, size))[None]
+    if not _are_definite(C):
+        _check_covariances(C, name, definite)
 
 
 def number(value: Any, name: str, nan: bool = False, inf: bool = False) -> None:
