@@ -91,7 +91,14 @@ def mend(run: LoadedRun, registry: Registry, ended: bool = False) -> list[str]:
     """
     if run.state == RUNNING or (run.state == SILENT and not ended):
         raise run.lock.refusal(short(run.folder))
-    with RunLock.take(run.folder, REPAIR, ended or run.status["status"] != RUNNING):
+    try:
+        lock = RunLock.take(run.folder, REPAIR, ended or run.status["status"] != RUNNING)
+    except DataError:
+        # where nothing can be written, nobody is in the way of those who look, and what is whole needs no more
+        if os.access(run.folder, os.W_OK) or _mend(run.folder, registry) != ([], []):
+            raise
+        return []
+    with lock:
         return _all_done(*_mend(run.folder, registry))
 
 

@@ -324,6 +324,14 @@ def test_a_run_on_a_disk_that_cannot_be_written_is_mended_elsewhere(killed, tmp_
     assert load_run(tmp_path / "copy").state == "killed"
 
 
+def test_a_whole_run_on_such_a_disk_needs_nothing(killed, tmp_path, read_only):
+    RunFolder(killed).status(DONE)
+    prefix = read_only(killed)
+    call = [*prefix, SCRIPT, "repair", "logs/killed"]
+    done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, timeout=240, check=False)
+    assert (done.returncode, done.stderr) == (0, "omnilab: logs/killed is whole, nothing to repair\n")
+
+
 # ------------------------------------------------------------------------------------------------------- whole runs
 @pytest.mark.slow
 def test_repairs_and_views_of_a_live_run_in_a_container_cost_it_nothing(tmp_path, omnilab_in):

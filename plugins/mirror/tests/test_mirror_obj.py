@@ -388,3 +388,10 @@ def test_textures_far_outside_do_not_end_the_viewer_s_mesh(read, tmp_path):
         read("mtllib m.mtl\n" + SQUARE + f"vt {u} {u}\nusemtl red\nf 1/1 2/1 3/1 4/1\n",
              m_mtl="newmtl red\nmap_Kd t.png\n", t_png=FOUR)  # fmt: skip
         assert len(Mirror(world=str(Path(tmp_path / "a.obj"))).scene().triangles) > 0
+
+
+def test_lines_that_backslashes_join_without_end_are_refused(read):
+    with pytest.raises(DataError, match=r"lines up to \d+, which backslashes join, have more than 1048576 bytes"):
+        read(SQUARE + "f 1 2 \\\n" + "3 \\\n" * 400_000)
+    mesh = read("mtllib m.mtl\n" + SQUARE + "f 1 2 \\\n3\n", m_mtl="newmtl a\nmap_Kd x\\\n" + "x\\\n" * 40_000)
+    assert "'m.mtl' (it has a line of more than 65536 bytes)" in mesh.notes[0]

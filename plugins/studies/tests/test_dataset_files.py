@@ -115,3 +115,18 @@ def test_a_data_set_begun_before_a_setting_existed_goes_on_with_its_default_alon
     ):
         with pytest.raises(DataError, match=what):
             DataSet(tmp_path).open(contents(other), defaults)
+
+
+def test_an_image_that_would_fill_the_memory_is_no_whole_one(tmp_path):
+    data = DataSet(tmp_path)
+    data.open(CONTENTS)
+    data.write(0, pixels := np.arange(12, dtype=np.uint8).reshape(3, 4), None)
+    assert np.array_equal(data.read(0), pixels)
+    png = data.image(0).read_bytes()
+    for spoilt in (png[:16] + b"\0\1\0\0" * 2 + png[24:], b"BM" + bytes(100), png[:20]):
+        data.image(0).write_bytes(spoilt)
+        with pytest.raises(DataError, match="is no whole image; delete it and run this again"):
+            data.read(0)
+    data.image(0).unlink()
+    with pytest.raises(DataError, match="cannot be read"):
+        data.read(0)

@@ -270,6 +270,15 @@ def test_a_growing_map_grows_in_the_logs():
     assert "growth" in report.figures
 
 
+def test_an_incremental_back_end_that_nobody_can_watch_is_one_like_others():
+    @dataclass
+    class Unwatched(Chaining):
+        def optimize(self, graph, covariances=False):
+            return super().optimize(graph, covariances)
+
+    assert metrics_of(ran(Unwatched())).keys() == metrics_of(ran(Lazy())).keys()
+
+
 class Clock:
     now = 0.0
 

@@ -7,6 +7,7 @@ import io
 import json
 import os
 import re
+import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, asdict, dataclass, fields
 from importlib.metadata import version
@@ -29,6 +30,8 @@ ABOUT = "dataset.json"
 PART_NAME = re.compile(  # of an unfinished file, with its writer
     r"(?:\d{6,}\.(?:png|npy)|dataset\.json|positions\.csv|poses\.tum)" + PART
 )
+LARGEST_IMAGE = 2**28  # bytes of an image file, and pixels in it
+PNG, PNG_SIZE = b"\x89PNG\r\n\x1a\n", struct.Struct(">16xII")  # how one begins; its width and height
 LARGEST_FILE = 64 * 2**20  # bytes, of dataset.json
 
 
@@ -102,10 +105,22 @@ class DataSet:
         """The pixels (H, W[, 3]) of frame n."""
         import cv2
 
-        pixels = cv2.imread(str(self.image(n)), cv2.IMREAD_UNCHANGED)
+        data = self._png_of(n)
+        pixels = None if data is None else cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
         if pixels is None:
             raise DataError(f"{self.image(n)} is no whole image; delete it and run this again")
         return np.asarray(pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), np.uint8)
+
+    def _png_of(self, n: int) -> bytes | None:
+        """The bytes of frame n's image; None for those of no PNG, or of one that would fill the memory."""
+        try:
+            data = content_of(self.image(n), LARGEST_IMAGE)
+        except OSError as error:
+            raise DataError(f"{self.image(n)} cannot be read ({error.strerror}); run this again") from error
+        if not data.startswith(PNG) or len(data) < PNG_SIZE.size:
+            return None
+        width, height = PNG_SIZE.unpack_from(data)
+        return data if width * height <= LARGEST_IMAGE else None
 
     def write_camera(self, camera: Camera) -> str:
         """Write `camera.json` where the camera is calibrated; a sentence about what was written."""

@@ -6,6 +6,7 @@ import re
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from inspect import signature
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -109,7 +110,7 @@ class PoseGraphStudy:
             backend.optimize(small)  # loads its libraries before the clock starts
             record.log(f"after/{name}", drawn(graph, graph.poses), Tick(0, 0))
             with record.timed(f"optimize: {name}"):
-                if isinstance(backend, IncrementalBackend):
+                if isinstance(backend, IncrementalBackend) and "watch" in signature(backend.optimize).parameters:
                     growth = Growth(name, graph, record, self.show)
                     optima[name] = backend.optimize(graph, watch=growth.watch)
                     seconds[name], times_ms[name] = growth.seconds(), growth.log_times()

@@ -8,11 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from omnilab.api import Bytes, Floats
+from omnilab.file_kinds import has_longer_line
 from omnilab_mirror.scene.meshes.mesh_materials import GREY, MeshMaterials
 from omnilab_mirror.scene.pictures import BROKEN
 
 OPTIONS = {"-blendu": 1, "-blendv": 1, "-boost": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1, "-texres": 1, "-bm": 1}
 OPTIONS |= {"-mm": 2, "-type": 1, "-colorspace": 1}  # how many words follow each option of a picture
+LONGEST_LINE = 2**16  # bytes; no name of a file is so long
 TINT = 12  # of 255: how far from grey a colour is that a texture should take
 VECTORS = {"-o", "-s", "-t"}  # followed by one to three numbers
 
@@ -47,6 +49,9 @@ def read_mtl(libraries: Sequence[str], materials: MeshMaterials) -> dict[str, Ma
                 continue
             if data[:2] in {b"\xff\xfe", b"\xfe\xff"}:
                 materials.lacks(name, ValueError("it is UTF-16; save it as UTF-8 text"))
+                continue
+            if has_longer_line(data.replace(b"\\\n", b"  "), LONGEST_LINE):
+                materials.lacks(name, ValueError(f"it has a line of more than {LONGEST_LINE} bytes"))
                 continue
             for title, material in _materials(text_of(data.removeprefix(b"\xef\xbb\xbf")), materials).items():
                 known.setdefault(title, material)

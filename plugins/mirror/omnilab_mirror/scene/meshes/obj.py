@@ -77,14 +77,31 @@ def _lines_read(text: bytes, materials: MeshMaterials, limit: int) -> ObjFile:
 
 
 def _chunks(text: bytes) -> Iterator[list[bytes]]:
-    """The lines of the text, some megabytes at once, never parted between two that a backslash joins."""
+    """The lines of the text, some megabytes at once, parted between two that a backslash joins only where too many are."""
     start = 0
     while start < len(text):
         end = text.find(b"\n", start + CHUNK)
-        while end > 0 and text[end - 1 : end] == b"\\":
+        while 0 < end < start + CHUNK + 2 * LONGEST_LINE and text[end - 1 : end] == b"\\":
             end = text.find(b"\n", end + 1)
         yield text[start : end if end >= 0 else len(text)].split(b"\n")
         start = end + 1 if end >= 0 else len(text)
+
+
+def _joined(lines: list[bytes], first: int, materials: MeshMaterials) -> Iterator[tuple[int, bytes]]:
+    """Lines with those that a backslash joins to them, and the number of the last of each; DataError for too long ones."""
+    parts, size = list[bytes](), 0
+    for number, line in enumerate(lines, first):
+        if not line.endswith(b"\\"):
+            yield number, b" ".join([*parts, line]) if parts else line
+            parts, size = [], 0
+            continue
+        parts.append(line[:-1])
+        size += len(line)
+        if size > LONGEST_LINE:
+            raise DataError(
+                f"{materials.file} is no whole OBJ file (lines up to {number}, which backslashes join, have more than"
+                f" {LONGEST_LINE} bytes); save it again"
+            )
 
 
 @dataclass
@@ -113,14 +130,10 @@ class _Reader:
 
     def sort(self, lines: list[bytes]) -> _Chunk:
         """The lines of a chunk by their words; what is not read is counted."""
-        chunk, whole = _Chunk(), b""
+        chunk = _Chunk()
         v, vt, f = chunk.v, chunk.vt, chunk.f
-        for number, line in enumerate(lines, self.number + 1):
-            if line.endswith(b"\\"):
-                whole += line[:-1] + b" "
-                continue
-            word, _, rest = (whole + line).strip().partition(b" ")
-            whole = b""
+        for number, whole in _joined(lines, self.number + 1, self.materials):
+            word, _, rest = whole.strip().partition(b" ")
             if word == b"v":
                 v.append(rest)
                 chunk.v_line.append(number)
