@@ -242,38 +242,46 @@ def repeat(argv: list[str]) -> int:
     )
     parser.epilog = f"{LIMITS_OFF}, as for an experiment: try what the machine may be too small for"
     options = parser.parse_args([word for word in argv if word != LIMITS_OFF])
+    first = load_run(options.run)
+    name = _repeatable(first, options.run)
+    second = _run_again(first, name, options.logs, options.trust, LIMITS_OFF not in argv)
+    return _compare(first, second)
+
+
+def _repeatable(run: LoadedRun, given: Path) -> str:
+    """The experiment of a run that can be repeated; DataError for one that cannot."""
+    if "components" not in run.manifest:
+        raise DataError(f"{given} could not be built, so there is nothing to repeat: {run.status.get('error')}")
+    if not run.metrics:
+        raise DataError(f"{given} did not finish ({run.state}), so there is nothing to compare with; run it anew")
+    name = str(run.manifest["experiment"])
+    if not re.fullmatch(r"[\w-]+(/[\w-]+)*", name):
+        raise DataError(f"{run.folder / 'manifest.json'} names the experiment '{name}', which is no name; correct it")
+    return name
+
+
+def _run_again(first: LoadedRun, name: str, logs: str, trust: bool, limits: bool) -> LoadedRun:
+    """A new run of the same configuration; where it writes, and what it may take, is never as a file says."""
     from omnilab.runner.build import again
     from omnilab.runner.config import Settings, logs_folder
     from omnilab.runner.execute import execute
 
     registry = discover_loudly()
-    first = load_run(options.run)
-    if "components" not in first.manifest:
-        raise DataError(f"{options.run} could not be built, so there is nothing to repeat: {first.status.get('error')}")
-    if not first.metrics:
-        raise DataError(
-            f"{options.run} did not finish ({first.state}), so there is nothing to compare with; run it anew"
-        )
-    name = first.manifest["experiment"]
-    if not re.fullmatch(r"[\w-]+(/[\w-]+)*", name):
-        raise DataError(f"{first.folder / 'manifest.json'} names the experiment '{name}', which is no name; correct it")
     cache = first.config.get("cache") and Settings.cache
-    ours = {
-        "logs": options.logs,
-        "cache": cache,
-        "cache_gb": Settings.cache_gb,
-        "limits": LIMITS_OFF not in argv,
-    }  # never as a file says
-    folder = Path(logs_folder(options.logs)) / name / new_folder_name()
-    known = None if options.trust else _digests(first)
-    run = again(first.config | ours, first.manifest, registry, folder, known)
+    ours = {"logs": logs, "cache": cache, "cache_gb": Settings.cache_gb, "limits": limits}
+    folder = Path(logs_folder(logs)) / name / new_folder_name()
+    run = again(first.config | ours, first.manifest, registry, folder, None if trust else _digests(first))
     execute(run, folder, registry, first.manifest["overrides"], name, lambda report: show_run(report, folder))
-    second = load_run(folder).metrics
-    different = [name for name in first.metrics if repr(first.metrics[name]) != repr(second.get(name))]
+    return load_run(folder)
+
+
+def _compare(first: LoadedRun, second: LoadedRun) -> int:
+    """Say whether the metrics are the same; the exit code."""
+    different = [name for name in first.metrics if repr(first.metrics[name]) != repr(second.metrics.get(name))]
     if different:
         print_error(f"the metrics differ from {short(first.folder)}: {', '.join(different)}")
         return 1
-    new = [name for name in second if name not in first.metrics]  # of a study that has grown since
+    new = [name for name in second.metrics if name not in first.metrics]  # of a study that has grown since
     more = f"; {', '.join(new)} were not measured then" if new else ""
     print_error(f"the metrics are the same as in {short(first.folder)}, bit for bit{more}")
     return 0

@@ -144,48 +144,73 @@ def copy(records: Iterable[McapRecord | Damage], summary: LogSummary | None, tar
     Schemas and channels that were damaged are those that the summary repeats. If that is damaged too, messages are kept
     without known fields, and those of a lost channel under a topic such as `/unknown_channel_3`; these topics are returned.
     """
-    writer = Writer(target, enable_data_crcs=True)
-    schemas: dict[int, Schema] = dict(summary.schemas) if summary else {}
-    channels: dict[int, Channel] = dict(summary.channels) if summary else {}
-    new_schemas, new_channels, nameless, started = {0: 0}, dict[int, int](), list[str](), False
-
-    def channel_of(number: int) -> int:
-        if number not in new_channels:
-            found = channels.get(number)
-            if found is None:
-                found = Channel(number, f"/unknown_channel_{number}", "protobuf", {}, LOST)
-                nameless.append(found.topic)
-            schema = schema_of(found)
-            new_channels[number] = writer.register_channel(found.topic, found.message_encoding, schema, found.metadata)
-        return new_channels[number]
-
-    def schema_of(channel: Channel) -> int:
-        if channel.schema_id not in new_schemas:
-            if schema := schemas.get(channel.schema_id):
-                new = writer.register_schema(schema.name, schema.encoding, schema.data)
-            else:
-                new = register_schema(writer, Empty) if channel.message_encoding == "protobuf" else 0
-            new_schemas[channel.schema_id] = new
-        return new_schemas[channel.schema_id]
-
+    new = _Copy(summary, target)
     for record in records:
-        if not started and not isinstance(record, Damage):
-            writer.start(record.profile if isinstance(record, Header) else "")
-            started = True
+        if not isinstance(record, Damage):
+            new.add(record)
+    return new.finish()
+
+
+class _Copy:
+    """A log that is written anew, whose schemas and channels get numbers of their own."""
+
+    def __init__(self, summary: LogSummary | None, target: BinaryIO) -> None:
+        self._writer = Writer(target, enable_data_crcs=True)
+        self._started = False
+        self._schemas: dict[int, Schema] = dict(summary.schemas) if summary else {}
+        self._channels: dict[int, Channel] = dict(summary.channels) if summary else {}
+        self._new_schemas, self._new_channels = {0: 0}, dict[int, int]()
+        self._nameless: list[str] = []
+
+    def add(self, record: McapRecord) -> None:
+        """The next whole record."""
+        if not self._started:
+            self._start(record.profile if isinstance(record, Header) else "")
         match record:
             case Schema():
-                schemas.setdefault(record.id, record)
+                self._schemas.setdefault(record.id, record)
             case Channel():
-                channels.setdefault(record.id, record)
-                channel_of(record.id)
+                self._channels.setdefault(record.id, record)
+                self._channel(record.id)
             case Metadata():
-                writer.add_metadata(record.name, record.metadata)
+                self._writer.add_metadata(record.name, record.metadata)
             case Attachment():
-                writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
+                self._writer.add_attachment(
+                    record.create_time, record.log_time, record.name, record.media_type, record.data
+                )
             case Message():
-                channel = channel_of(record.channel_id)
-                writer.add_message(channel, record.log_time, record.data, record.publish_time, record.sequence)
-    if not started:
-        writer.start()
-    writer.finish()
-    return nameless
+                channel = self._channel(record.channel_id)
+                self._writer.add_message(channel, record.log_time, record.data, record.publish_time, record.sequence)
+
+    def finish(self) -> list[str]:
+        """Write the index; the topics whose names are lost."""
+        if not self._started:
+            self._start("")
+        self._writer.finish()
+        return self._nameless
+
+    def _start(self, profile: str) -> None:
+        self._writer.start(profile)
+        self._started = True
+
+    def _channel(self, number: int) -> int:
+        """The new number of a channel, which is registered when it is first asked for."""
+        if number not in self._new_channels:
+            found = self._channels.get(number)
+            if found is None:
+                found = Channel(number, f"/unknown_channel_{number}", "protobuf", {}, LOST)
+                self._nameless.append(found.topic)
+            self._new_channels[number] = self._writer.register_channel(
+                found.topic, found.message_encoding, self._schema(found), found.metadata
+            )
+        return self._new_channels[number]
+
+    def _schema(self, channel: Channel) -> int:
+        """The new number of a channel's schema; of a lost one, that of a message without known fields."""
+        if channel.schema_id not in self._new_schemas:
+            if schema := self._schemas.get(channel.schema_id):
+                new = self._writer.register_schema(schema.name, schema.encoding, schema.data)
+            else:
+                new = register_schema(self._writer, Empty) if channel.message_encoding == "protobuf" else 0
+            self._new_schemas[channel.schema_id] = new
+        return self._new_schemas[channel.schema_id]
