@@ -74,12 +74,14 @@ def _cell(text: str) -> str:
 
 
 def common_plots(runs: Sequence[ShownRun]) -> list[Panel]:
-    """The plots that two runs or more have curves for, or the only run."""
+    """The plots that the layouts of two runs or more have, be it that some have no curve yet."""
     found: dict[tuple[str, ...], list[Panel]] = {}
     for run in runs:
-        for panel in run.contents.plots:
-            found.setdefault(tuple(panel.contents), []).append(panel)
-    return [panels[0] for panels in found.values() if len(panels) >= min(2, len(runs))]
+        for panel in run.contents.panels:
+            if panel.kind == "plot":
+                found.setdefault(tuple(panel.contents), []).append(panel)
+    common = [panels[0] for panels in found.values() if len(panels) >= min(2, len(runs))]
+    return [panel for panel in common if any(run.contents.shown(panel) for run in runs)]
 
 
 def not_common(runs: Sequence[ShownRun], summaries: Sequence[RunSummary]) -> list[str]:
@@ -124,8 +126,10 @@ def _map(run: ShownRun, panel: Panel, aspect: float, titled: bool) -> rrb.View:
     paths = [absolute(path) for path in panel.contents]
     known = list(run.contents.extents.values())
     inside = [f"+ {run.root}{path}/**" for path in paths]
+    if any(path in run.contents.extents for path in paths):
+        inside.append(f"+ {run.root}/frame")
     if len(paths) > 1:
-        inside += [f"- {run.root}{path}/surface" for path in paths] + [f"+ {run.root}/frame"]
+        inside += [f"- {run.root}{path}/surface" for path in paths]
     return rrb.Spatial3DView(
         origin=run.root,
         contents=inside,

@@ -25,7 +25,7 @@ MOST_PANELS = 100
 class RecordingContents:
     """Panels in the layout's order, the corners (2, 3) of what lies still by its entity, and the curves with their units."""
 
-    panels: list[Panel]
+    panels: list[Panel]  # none of a run that was killed before its first step, or whose study has no layout
     extents: dict[str, Floats]
     curves: dict[str, str]  # unit by entity
 
@@ -37,6 +37,11 @@ class RecordingContents:
     def plots(self) -> list[Panel]:
         """Those with a curve."""
         return [panel for panel in self.panels if panel.kind == "plot" and self.shown(panel)]
+
+    def simple_panels(self) -> list[Panel]:
+        """Panels for want of a layout: all that lies still in one map, each curve for itself."""
+        maps = [Panel("map", "Map", list(self.extents))] if self.extents else []
+        return maps + [Panel("plot", path.strip("/"), [path]) for path in self.curves]
 
     def shown(self, panel: Panel) -> list[str]:
         """The curves that a plot shows."""
@@ -61,7 +66,7 @@ def contents_of(recording: Path) -> RecordingContents:
         panels = list(_panels(reader, stores[-1])) if stores else []
     except (RuntimeError, ValueError) as error:
         raise DataError(f"{recording} cannot be read back; mend it: omnilab repair {recording.parent}") from error
-    return RecordingContents(panels or _panels_of(extents, curves), extents, curves)
+    return RecordingContents(panels, extents, curves)
 
 
 def _points(column: pa.Array) -> Floats:
@@ -90,9 +95,3 @@ def _panels(reader: RrdReader, store: StoreEntry) -> Iterator[Panel]:
             query = parts.get(f"{path}/ViewContents", {}).get("ViewContents:query", [])
             paths = [rule[2:].removesuffix("/**") for rule in query if rule.startswith("+ ")]
             yield Panel(kind, part.get("ViewBlueprint:display_name", [""])[0], paths)
-
-
-def _panels_of(extents: dict[str, Floats], curves: dict[str, str]) -> list[Panel]:
-    """Panels of a recording without a layout: all that lies still in one map, each curve for itself."""
-    maps = [Panel("map", "Map", list(extents))] if extents else []
-    return maps + [Panel("plot", path.strip("/"), [path]) for path in curves]

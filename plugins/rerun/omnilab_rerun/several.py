@@ -5,13 +5,14 @@ from __future__ import annotations
 import sys
 import tempfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from omnilab.errors import ConfigError, DataError
-from omnilab.hooks import Runs
+from omnilab.hooks import Runs, RunSummary
 from omnilab_rerun.colors import RUNS
 from omnilab_rerun.comparison import not_common, write_comparison
-from omnilab_rerun.contents import contents_of
+from omnilab_rerun.contents import RecordingContents, contents_of
 from omnilab_rerun.differences import differences, short_names
 from omnilab_rerun.merging import ShownRun, merge
 from omnilab_rerun.sink import FILE
@@ -36,10 +37,9 @@ def view_several(runs: Runs, folders: Sequence[Path], screenshot: Path | None, s
         raise DataError(f"none of the {len(folders)} runs has a recording; run the experiments with the sink rerun")
     summaries = [summary for summary, _ in recorded]
     different = differences(summaries)
-    shown = [
-        ShownRun(name, color, recording, contents_of(recording))
-        for name, color, (_, recording) in zip(short_names(summaries, different), RUNS.values(), recorded, strict=False)
-    ]
+    contents = _with_layouts([contents_of(recording) for _, recording in recorded], summaries)
+    looks = zip(short_names(summaries, different), RUNS.values(), recorded, contents, strict=False)
+    shown = [ShownRun(name, color, recording, inside) for name, color, (_, recording), inside in looks]
     for sentence in not_common(shown, summaries):
         _say(sentence)
     with tempfile.TemporaryDirectory(prefix="omnilab-") as place:
@@ -50,6 +50,16 @@ def view_several(runs: Runs, folders: Sequence[Path], screenshot: Path | None, s
             show(merged, layout)
         else:
             take_picture(merged, screenshot, step, SIZE, layout, title="the merged recording")
+
+
+def _with_layouts(found: Sequence[RecordingContents], summaries: Sequence[RunSummary]) -> list[RecordingContents]:
+    """A recording that has no layout gets that of another run of its study."""
+    studies = [summary.components.get("study") for summary in summaries]
+    layouts = {study: inside.panels for study, inside in zip(studies, found, strict=True) if inside.panels}
+    return [
+        replace(inside, panels=inside.panels or layouts.get(study) or inside.simple_panels())
+        for study, inside in zip(studies, found, strict=True)
+    ]
 
 
 def _check(folders: Sequence[Path]) -> None:

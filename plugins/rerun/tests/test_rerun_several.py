@@ -32,7 +32,8 @@ def record(folder: Path, values, panels=PANELS):
     (folder / "status.json").write_text("{}")
     steps, sink = np.arange(3), RerunSink()
     sink.open(folder)
-    sink.write("", ViewLayout([panels[:1], panels[1:]]), None)
+    if panels:
+        sink.write("", ViewLayout([panels[:1], panels[1:]]), None)
     sink.write("room", ROOM, None)
     sink.write("places", PlaceMap(np.zeros((1, 3))), None)
     for path in ("error/position_m", "bands/low", "bands/high"):
@@ -174,6 +175,34 @@ def test_runs_of_different_studies_show_what_they_share_and_say_the_rest(view, l
     assert "of different studies (grid, trajectory): what they share is shown" in told
     assert "of trajectory radon no plot shows Far; view it alone" in told
     assert "trajectory radon: Way" in views(shown[1])
+
+
+@pytest.mark.parametrize("laid_out", [True, False])
+def test_a_run_that_has_not_come_to_its_errors_yet_takes_no_plot_from_the_others(
+    view, logs, runs, shown, tmp_path, laid_out
+):
+    (tmp_path / "young").mkdir()
+    sink = RerunSink()
+    sink.open(tmp_path / "young")
+    sink.write("room", ROOM, None)
+    if laid_out:
+        sink.write("", ViewLayout([PANELS]), None)
+    sink.write("signature", Signature(np.ones((2, 2), np.float32)), Tick(0, 0))
+    sink.close()
+    runs.runs["young"] = summary(tmp_path / "young", descriptor="hog", state="running")
+    view(logs / "a", tmp_path / "young")
+    found = views(shown[1])
+    assert {"Position error [m]", "Bands [m]", "radon: Room", "hog: Room"} <= found.keys()
+    assert "+ /hog/frame" in found["hog: Room"][1]
+
+
+def test_runs_without_any_layout_have_a_map_and_a_plot_for_each_curve(view, runs, shown, tmp_path):
+    for name, descriptor in ("x", "radon"), ("y", "hog"):
+        record(tmp_path / name, [1.0, 2.0, 3.0], ())
+        runs.runs[name] = summary(tmp_path / name, descriptor=descriptor)
+    view(tmp_path / "x", tmp_path / "y")
+    plots = {"error/position_m [m]", "bands/low [m]", "bands/high [m]"}
+    assert plots | {"Runs", "radon: Map", "hog: Map"} == views(shown[1]).keys()
 
 
 def test_a_run_without_a_recording_is_left_out_and_named(view, logs, shown, capsys):
