@@ -127,7 +127,12 @@ def test_texts_of_strangers_are_texts_everywhere(omnilab_here, made, recwarn):
         (["sweep", "--metrics", "a,b"], "'a' is no metric of these runs"),
         (["sweep/0", "--figures", "f"], "nothing differs between these runs but the seed"),
         (["sweep/12"], "none of these runs can be compared: 12 (failed DataError"),
-        (["sweep", "--csv", "no/such/a.csv"], "no/such/a.csv cannot be written"),
+        (
+            ["sweep", "--csv", "no/such/a.csv"],
+            "a.csv cannot be written (No such file or directory); give another place",
+        ),
+        (["sweep", "--latex", "/dev/null"], "/dev/null is no file that could be replaced"),
+        (["sweep", "--markdown", "sweep"], "sweep is no file that could be replaced"),
     ],
 )
 def test_mistakes_are_one_sentence(omnilab_here, sweep, arguments, sentence):

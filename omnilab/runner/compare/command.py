@@ -67,7 +67,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="A,B",
         help="which metrics (default: all, or the main ones)",
     )
-    add("--csv", type=Path, metavar="FILE", help="write all statistics of all metrics, a row each")
+    add("--csv", type=Path, metavar="FILE", help="write all statistics of all metrics, a row each (replaces FILE)")
     add("--latex", type=Path, metavar="FILE", help="write the table of configurations for LaTeX (booktabs)")
     add("--markdown", type=Path, metavar="FILE", help="the same for Markdown")
     add(
@@ -158,11 +158,11 @@ def _write(comparison: RunComparison, metrics: Sequence[str], options: argparse.
 
     written = []
     if options.csv:
-        tables.write_csv(comparison, options.csv)
+        tables.write_csv(comparison, _target(options.csv))
         written.append(options.csv)
     for file, write in (options.latex, tables.write_latex), (options.markdown, tables.write_markdown):
         if file:
-            write(tables.group_table(comparison, metrics), file)
+            write(tables.group_table(comparison, metrics), _target(file))
             written.append(file)
     if options.figures:
         from omnilab.runner.compare.figures import draw
@@ -170,3 +170,11 @@ def _write(comparison: RunComparison, metrics: Sequence[str], options: argparse.
         written += draw(comparison, options.metrics or metrics[:1], options.figures, options.best)
     for file in written:
         print_error(f"written: {file}")
+
+
+def _target(file: Path) -> Path:
+    """Where a file that is asked for lies; DataError for a device, a pipe or a folder, whose place it must not take."""
+    path = file.resolve()
+    if path.exists() and not path.is_file():
+        raise DataError(f"{file} is no file that could be replaced; give the name of one, or of none that is there")
+    return path

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import itertools
+import os
 import re
 import warnings
 from collections.abc import Iterator, Sequence
@@ -137,10 +138,18 @@ def _wall_of(folder: Path) -> float:
 
 def _save(figure: Figure, file: Path) -> None:
     """Write a PNG; DataError if there is a file of this name that is no figure of ours."""
-    if file.exists() and SOFTWARE.encode() not in content_of(file, LARGEST)[:4096]:
+    if os.path.lexists(file) and not _is_ours(file):
         raise DataError(f"{file} is there already, and none of our figures; give another folder (--figures DIR)")
     picture = io.BytesIO()
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing")  # then a box stands for it
         figure.savefig(picture, format="png", metadata={"Software": SOFTWARE})
     write_whole(file, lambda out: out.write(picture.getbuffer()))
+
+
+def _is_ours(file: Path) -> bool:
+    """Whether a file is a PNG that was drawn here; False for links, pipes and what cannot be read."""
+    try:
+        return not file.is_symlink() and SOFTWARE.encode() in content_of(file, LARGEST)[:4096]
+    except OSError:
+        return False
