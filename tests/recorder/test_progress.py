@@ -12,6 +12,7 @@ import pytest
 
 from omnilab.api import Progress
 from omnilab.runner.recorder import ProgressFile, Recorder, progress_file
+from omnilab.runner.run_folder import RunFolder, origin
 from omnilab.runner.run_folder.progress import RunProgress, read_progress
 
 
@@ -107,3 +108,13 @@ def test_the_clock_of_another_host():
         found = RunProgress("queries", 1, 2, 60.0, written=(now + timedelta(seconds=ahead_s)).isoformat()).left_s
         assert found == (expected if expected is None else pytest.approx(expected, abs=2))
     assert RunProgress("queries", 1, 2, 60.0, written="yesterday").left_s is None
+
+
+def test_the_list_of_runs_says_how_far_one_is(tmp_path, omnilab_here):
+    run = RunFolder(tmp_path / "logs" / "now")
+    run.open({"experiment": "grid", "overrides": [], **origin()}, "study: {}\n")
+    assert "running  " in omnilab_here("runs").stdout
+    (run.folder / "progress.json").write_text(RunProgress("queries", 86, 200).to_json())
+    assert "running 43 % (queries 86 of 200)" in omnilab_here("runs").stdout
+    run.end("failed")
+    assert "failed  " in omnilab_here("runs").stdout
