@@ -187,8 +187,9 @@ def test_without_a_terminal_each_change_is_a_line_once(sweep, capsys):
 @pytest.mark.parametrize("how", ["well", "interrupted", "bug"])
 def test_on_a_terminal_the_table_goes_and_what_failed_stays(sweep, capsys, how):
     console = Console(file=io.StringIO(), width=80, height=24, force_terminal=True)
+    display = SweepDisplay(sweep.load, console)
     try:
-        with SweepDisplay(sweep.load, console):
+        with display:
             assert ConsoleSink.quiet
             sweep.set(0, RUNNING)
             looked(sweep)
@@ -200,9 +201,12 @@ def test_on_a_terminal_the_table_goes_and_what_failed_stays(sweep, capsys, how):
                 raise KeyboardInterrupt
     except KeyboardInterrupt:
         assert how == "interrupted"
+    sweep.error = None
+    with display:  # the next batch, which has no news
+        looked(sweep)
     out = console.file.getvalue()
     assert "0 of 3 jobs done" in out
-    assert out.count("\x1b[?25l") == out.count("\x1b[?25h") == 1  # the cursor is back
+    assert out.count("\x1b[?25l") == out.count("\x1b[?25h") == 2  # the cursor is back
     assert capsys.readouterr().err == "omnilab: job 0 (angles=45, seed=0) killed: its process died\n"
 
 

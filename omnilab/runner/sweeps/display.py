@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -53,12 +54,13 @@ class SweepDisplay:
         from rich.live import Live
 
         self._ends.clear()
+        self._changed.clear()  # a sweeper that hands out batches has it entered for each
         console = self._console or RichConsole(stderr=True)
         seen = self._read(anew=True)
         plan = seen.sweep.plan if seen else None
         self._serial = bool(self._leads and plan and plan.launcher == SERIAL)
         if not self._serial and console.is_terminal and not console.is_dumb_terminal:
-            self._live = Live(console=console, auto_refresh=False, transient=True, redirect_stdout=console.is_terminal)
+            self._live = Live(console=console, auto_refresh=False, transient=True, redirect_stdout=sys.stdout.isatty())
             self._live.start()
         Console.quiet = not self._serial
         self._thread = threading.Thread(target=self._keep_shown, name="omnilab-display", daemon=True)
