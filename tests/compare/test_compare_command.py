@@ -112,6 +112,21 @@ def test_texts_of_strangers_are_texts_everywhere(omnilab_here, made, recwarn):
     assert sorted(path.name for path in Path("f").iterdir()) == ["rate__by_cost.png", "rate__by_sensor.world.png"]
 
 
+def test_names_that_are_also_ours(omnilab_here, made):
+    names = ("run", "seed", "group", "metric", "seeds", "n", "mean")
+    for i in range(3):
+        folder = made(f"sweep/{i}", angles=i, metrics=[Metric(name, i, "1") for name in names])
+        text = "".join(f"{name}: {i}\n" for name in names if name != "seed")
+        (folder / "config.yaml").write_text((folder / "config.yaml").read_text() + text)
+    files = ("--csv", "a.csv", "--latex", "a.tex", "--markdown", "a.md")
+    for more in [], ["--best", "-group"], ["--by", "mean"]:
+        done = omnilab_here("compare", "sweep", *files, *more)
+        assert done.rc == 0, done.stderr
+    assert pd.read_csv("a.csv").query("metric == 'mean'")[["setting mean", "mean"]].to_numpy().tolist() == [
+        [0, 0], [1, 1], [2, 2],
+    ]  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [

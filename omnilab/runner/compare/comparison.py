@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from omnilab.errors import DataError
 from omnilab.runner.compare.configurations import differences
@@ -23,7 +23,8 @@ LISTED = 8  # names in a sentence
 class RunComparison:
     """Runs in groups, of which each holds runs that are equal in everything but the seed."""
 
-    runs: DataFrame  # a row a run: run, folder, seed, group, and its metrics
+    runs: DataFrame  # a row a run: run, folder, seed, group
+    values: DataFrame  # a row a run, a column a metric
     groups: DataFrame  # a row a group: the settings that differ, as texts; None where a run has no such setting
     statistics: DataFrame  # by group and metric: unit, n, mean, std, low, high, interval (OVER_SEEDS, OF_RUN or "")
     notes: list[str]  # what is to be known, in sentences
@@ -61,12 +62,13 @@ def compare_runs(folders: Iterable[str | Path]) -> RunComparison:
     runs, groups = _grouped(found)
     runs, notes = _once_a_seed(runs, found)
     wanted, more = _comparable(runs, found)
-    statistics = _statistics(runs, wanted, found)
-    return RunComparison(runs, groups, statistics, [*notes, *more], left_out)
+    values = _values(runs, found)
+    statistics = _statistics(runs["group"], values[wanted], found)
+    return RunComparison(runs, values, groups, statistics, [*notes, *more], left_out)
 
 
 def _grouped(found: Sequence[ComparedRun]) -> tuple[DataFrame, DataFrame]:
-    """The runs with their metrics, in groups of equal settings; and the settings of each group."""
+    """The runs in groups of equal settings; and the settings of each group."""
     import pandas as pd
 
     settings = pd.DataFrame(differences([run.configuration for run in found]), index=range(len(found)), dtype=object)
@@ -77,9 +79,7 @@ def _grouped(found: Sequence[ComparedRun]) -> tuple[DataFrame, DataFrame]:
         "folder": [run.folder for run in found],
         "seed": [r.seed for r in found],
     }
-    runs = pd.concat(
-        [pd.DataFrame(head).assign(group=number), pd.DataFrame.from_records([run.metrics for run in found])], axis=1
-    )
+    runs = pd.DataFrame(head).assign(group=number)
     groups = settings[~runs["group"].duplicated()].reset_index(drop=True)
     return runs, groups.astype(object).where(groups.notna(), None)
 
@@ -121,22 +121,27 @@ def _comparable(runs: DataFrame, found: Sequence[ComparedRun]) -> tuple[list[str
     return [name for name in names if name not in {*alone, *mixed}], notes
 
 
-def _statistics(runs: DataFrame, metrics: Sequence[str], found: Sequence[ComparedRun]) -> DataFrame:
+def _values(runs: DataFrame, found: Sequence[ComparedRun]) -> DataFrame:
+    """The metrics of each run."""
+    import pandas as pd
+
+    return pd.DataFrame.from_records([found[i].metrics for i in runs.index], index=runs.index)
+
+
+def _statistics(group: Any, metrics: DataFrame, found: Sequence[ComparedRun]) -> DataFrame:
     """Mean, standard deviation and interval of each metric over the runs of each group; of one run, its own interval."""
     import numpy as np
     import pandas as pd
     from scipy.special import stdtrit  # as scipy.stats.t.ppf, without a second of imports
 
-    values = runs.set_index("group")[list(metrics)].rename_axis(columns="metric").stack(future_stack=True)
+    values = metrics.set_axis(group.rename("group")).rename_axis(columns="metric").stack(future_stack=True)
     table = values.groupby(level=["group", "metric"], sort=False).agg(n="count", mean="mean", std="std", sem="sem")
     half = stdtrit(np.maximum(table["n"] - 1, 1), (1 + CONFIDENCE) / 2) * table["sem"]
     table["low"], table["high"] = table["mean"] - half, table["mean"] + half
     table["interval"] = np.where(table["n"] > 1, OVER_SEEDS, "")
-    own = runs[~runs["group"].duplicated(keep=False)]
+    alone = group[~group.duplicated(keep=False)]
     intervals = {
-        (group, metric): interval
-        for i, group in own["group"].items()
-        for metric, interval in found[i].intervals.items()
+        (number, metric): interval for i, number in alone.items() for metric, interval in found[i].intervals.items()
     }
     keys = table.index.intersection(pd.MultiIndex.from_tuples(intervals or [(-1, "")], names=table.index.names))
     table.loc[keys, ["low", "high"]] = np.array([intervals[key] for key in keys]).reshape(-1, 2)

@@ -47,17 +47,21 @@ def metric_table(comparison: RunComparison, metrics: Sequence[str]) -> DataFrame
 
 def group_table(comparison: RunComparison, metrics: Sequence[str]) -> DataFrame:
     """A row a configuration: the settings that differ, its runs or how many seeds, and metrics."""
-    table = comparison.groups.fillna(NOTHING)
+    import pandas as pd
+
     seeds = comparison.seeds()
-    if max(seeds) > 1:
-        table["seeds"] = [str(count) for count in seeds]
-    else:
-        table.insert(0, "run", comparison.runs.set_index("group")["run"])
+    several = max(seeds) > 1
+    names = comparison.runs.drop_duplicates("group").set_index("group")["run"].reindex(comparison.groups.index)
+    columns = [] if several else [("run", names.tolist())]
+    columns += [(name, values.fillna(NOTHING).tolist()) for name, values in comparison.groups.items()]
+    columns += [("seeds", [str(count) for count in seeds])] if several else []
     for metric in metrics:
         unit = _unit(comparison, metric)
         found = comparison.statistics.xs(metric, level="metric").reindex(comparison.groups.index)
         texts = [short_text(row, count) for row, count in zip(found.itertuples(), seeds, strict=True)]
-        table[f"{metric} [{unit}]" if unit else metric] = texts
+        columns.append((f"{metric} [{unit}]" if unit else metric, texts))
+    table = pd.DataFrame(dict(enumerate(values for _, values in columns)))
+    table.columns = [name for name, _ in columns]  # of which two may be the same
     return table
 
 
@@ -139,10 +143,11 @@ def short_text(row: Any, seeds: int) -> str:
 def write_csv(comparison: RunComparison, file: Path) -> None:
     """A row a configuration and metric, with all digits; OSError if it cannot be written."""
     table = comparison.statistics.reset_index().sort_values("group", kind="stable")
-    groups = comparison.groups.assign(seeds=comparison.seeds())
-    table = table.merge(groups, left_on="group", right_index=True, suffixes=("", " of the configuration"))
-    columns = ["group", *comparison.settings, "seeds", "metric", "unit", "n", "mean", "std", "low", "high", "interval"]
-    write_text(file, table.reindex(columns=columns).to_csv(index=False))
+    first, last = ["group"], ["seeds", "metric", "unit", "n", "mean", "std", "low", "high", "interval"]
+    taken = {name: f"setting {name}" for name in [*first, *last]}
+    groups = comparison.groups.rename(columns=taken)
+    table = table.merge(groups.assign(seeds=comparison.seeds()), left_on="group", right_index=True)
+    write_text(file, table[[*first, *groups.columns, *last]].to_csv(index=False))
 
 
 def write_latex(table: DataFrame, file: Path) -> None:
