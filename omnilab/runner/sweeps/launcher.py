@@ -34,6 +34,7 @@ from omnilab.runner.sweeps.state import Job
 TARGET = "hydra_plugins.omnilab.SweepLauncher"  # Hydra asks its plugins to have such a name
 POLL_S, QUIET_S = 0.5, 30.0  # between looks at jobs of other processes; after which what waits is launched anew
 
+MANY = 50  # jobs that take some seconds to look at
 CUT_OFF = (KILLED, INTERRUPTED)
 
 Jobs = Mapping[int, Sequence[str]]  # overrides by number
@@ -58,6 +59,8 @@ class SweepLauncher(Launcher):
         """What the jobs returned, in their order; their numbers are the sweep's, which may have been begun before."""
         jobs = self._sweep.plan(job_overrides)
         stand = self._stand(jobs)
+        if (done := sum(job.state == DONE for job in stand.values())) >= MANY:
+            self._sweep.say(f"{done} jobs are done; whether anything has changed since is looked at first")
         to_run = {n: jobs[n] for n in jobs if self._sweep.to_run(stand[n], lambda n=n: self._identity(jobs[n]))}  # type: ignore[misc]
         with self._display:
             returned = self._survive(to_run)
