@@ -41,7 +41,7 @@ class SweepDisplay:
         """`leads`: this is the process that leads the sweep, and does not only look on."""
         self._load, self._console, self._leads = load, console, leads
         self._live: Live | None = None
-        self._serial = False
+        self._serial = self._speaks = False  # how it shows: above the jobs' own bars, by lines, or else by a table
         self._seen: Snapshot | None = None
         self._states: dict[int, str] | None = None  # of jobs, as they were shown; None before the first look
         self._changed: set[int] = set()  # jobs
@@ -59,7 +59,8 @@ class SweepDisplay:
         seen = self._read(anew=True)
         plan = seen.sweep.plan if seen else None
         self._serial = bool(self._leads and plan and plan.launcher == SERIAL)
-        if not self._serial and console.is_terminal and not console.is_dumb_terminal:
+        self._speaks = not console.is_terminal or console.is_dumb_terminal
+        if not self._serial and not self._speaks:
             self._live = Live(console=console, auto_refresh=False, transient=True, redirect_stdout=sys.stdout.isatty())
             self._live.start()
         Console.quiet = not self._serial
@@ -121,7 +122,7 @@ class SweepDisplay:
             Console.heading = overall(seen)
         elif (live := self._live) is not None:
             live.update(board(seen, live.console), refresh=True)
-        else:
+        elif self._speaks:
             _say(seen, [job for job in news if job.state != PLANNED])
 
     def _say_bad(self) -> None:
