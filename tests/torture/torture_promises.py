@@ -201,7 +201,7 @@ def _rrd(path: Path) -> set[tuple[str, int]]:
     found = set()
     for chunk in RrdReader(path).stream().to_chunks():
         batch = chunk.to_record_batch()
-        if "step" in batch.schema.names:
+        if "step" in chunk.timeline_names:  # a study may have a metric of this name, which the run's properties show
             found |= {(chunk.entity_path, step) for step in batch.column("step").cast("int64").to_pylist()}
     return found
 
