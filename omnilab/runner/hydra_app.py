@@ -27,10 +27,10 @@ from omnilab.runner.execute import execute
 from omnilab.runner.interrupts import HeldSignals
 from omnilab.runner.overrides.command_line import for_hydra, quoted
 from omnilab.runner.overrides.compose_errors import sentence
-from omnilab.runner.registry import Registry, discover
+from omnilab.runner.registry import Registry
 from omnilab.runner.run_folder import DONE, FAILED, RunFolder, new_folder_name, origin, write_csv
 from omnilab.runner.run_folder.names import SUMMARY
-from omnilab.runner.streams import outlast, printed_into
+from omnilab.runner.streams import printed_into
 from omnilab.runner.sweeps.active import ActiveSweep
 from omnilab.runner.sweeps.identity import job_identity
 from omnilab.runner.sweeps.jobs import JOB, JobLife
@@ -38,6 +38,7 @@ from omnilab.runner.sweeps.objective import Value, check_sweep, described, value
 from omnilab.runner.sweeps.start import Resumption, begun, resumption
 from omnilab.runner.sweeps.state import TO_RESUME
 from omnilab.runner.sweeps.table import table
+from omnilab.runner.sweeps.worker import registry_of_worker, settle
 from omnilab.runner.terminal import headline, print_error, print_summary, print_table, short, show_run
 
 OUTPUT = "output"  # the folder in that of a sweep for what jobs print in other processes
@@ -110,8 +111,7 @@ class Task:
     def __call__(self, config: DictConfig) -> Value | None:
         """Run a job, or the run; what a sweeper is told of a job."""
         if self.registry is None:
-            outlast()
-            self.registry = discover()
+            self.registry = registry_of_worker()
         state = HydraConfig.get()
         folder = Path(_as_is(state.runtime)["output_dir"])
         overrides = _as_is(state.overrides)["task"]
@@ -122,7 +122,11 @@ class Task:
             life = JobLife(number, folder, Path(state.runtime.cwd) / _as_is(state.sweep)["dir"], print_error)
             with printed_into(life.sweep / OUTPUT / f"{number}.log") if self.is_copy else nullcontext():
                 _say_new_names(state.runtime.choices, self.registry)
-                return run_job(config, self.registry, life, overrides, name)
+                value = run_job(config, self.registry, life, overrides, name)
+            if self.is_copy:
+                settle()
+            return value
+        _say_new_names(state.runtime.choices, self.registry)
         try:
             report = _run(config, self.registry, folder, overrides, name, lambda report: show_run(report, folder))
             if config.objective is not None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 
 import pytest
+from hydra.errors import HydraException
 
 from omnilab.errors import ConfigError, OmnilabError
 from omnilab.runner.hydra_app import experiment
 from omnilab.runner.overrides.command_line import for_hydra
+from omnilab.runner.overrides.compose_errors import EXTRAS, sentence
 from omnilab.runner.registry import discover
 
 FOREIGN = re.compile(
@@ -131,7 +133,6 @@ COMPOSED = [
     (["logs="], "names no folder; give logs=DIR"),
     (["~experiment"], "give experiment=NAME, or hydra.run.dir=DIR"),
     (["hydra/launcher=foo"], "hydra/launcher 'foo' does not exist; there is basic"),
-    (["hydra/launcher=ray"], "pip install 'omnilab[ray]'"),
     (["--config-name", "foo"], "leave it out, and choose a recipe with experiment=NAME"),
     (["--config-path", "/nowhere"], "give --config-dir DIR for recipes of your own"),
     (["study.extent_m=???"], "study.extent_m is not set and has no default; give study.extent_m=VALUE"),
@@ -154,6 +155,16 @@ def test_what_hydra_refuses(tmp_path, monkeypatch, capsys, part):
     assert not wrong, "\n".join(wrong)
     assert capsys.readouterr() == ("", "")
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+@pytest.mark.parametrize(("name", "extra"), EXTRAS.items())
+def test_a_launcher_that_is_not_installed_is_told_by_its_extra(name, extra):
+    """As Hydra says it, for some are installed here."""
+    group = "hydra/sweeper" if name == "optuna" else "hydra/launcher"
+    said = HydraException(f"Could not find '{group}/{name}'\n\nAvailable options in '{group}':\n\tbasic")
+    assert sentence(said, discover("none")).startswith(
+        f"{group}={name} needs packages that are not installed; pip install 'omnilab[{extra}]', or in a clone:"
+    )
 
 
 @pytest.mark.parametrize(

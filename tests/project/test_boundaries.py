@@ -62,6 +62,7 @@ THIRD_PARTY = {  # which modules of omnilab may import what, beside numpy
     "hydra": {
         "runner.registry", "runner.config", "runner.build", "runner.hydra_app", "runner.overrides.command_line",
         "runner.sweeps.launcher", "runner.sweeps.plan_file",
+        "runner.sweeps.worker",
     },
     "omegaconf": {
         "runner.registry", "runner.config", "runner.build", "runner.execute", "runner.hydra_app", "runner.input_files",
@@ -70,7 +71,7 @@ THIRD_PARTY = {  # which modules of omnilab may import what, beside numpy
     },
     "optuna": {"runner.sweeps.optuna_study"},
     "pluggy": {"hooks", "runner.registry"},
-    "cv2": {"image", "cameras.reproject"},
+    "cv2": {"image", "cameras.reproject", "runner.sweeps.worker"},
     "rich": {
         "runner.cli", "runner.console_sink", "runner.terminal", "runner.sweeps.display", "runner.sweeps.status_commands",
         "runner.sweeps.status_table",
