@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 
 from omnilab.errors import DataError
 from omnilab.file_kinds import opened
-from omnilab.runner.sweeps.job_log import JOBS, LARGEST, Event, events_in
+from omnilab.runner.sweeps.job_log import JOBS, LARGEST, Event, events_in, log_of
 from omnilab.runner.sweeps.plan_file import PLAN, SweepPlan, read_plan
 from omnilab.runner.sweeps.state import Job, LoadedSweep, as_they_stand, load_sweep, tell
+
+
+@cache
+def reader_of(folder: Path) -> SweepReader:
+    """The reader of a sweep in which this process takes part."""
+    return SweepReader(folder, log_of(folder).unwritten)
 
 
 class SweepReader:
@@ -25,14 +32,18 @@ class SweepReader:
         self._jobs: dict[int, Job] = {}
         self._read = self._damaged = 0  # bytes, lines
 
+    def told(self) -> list[Job]:
+        """The jobs as their events tell of them, whatever has become of those that had not ended."""
+        self._go_on()
+        jobs = dict(self._jobs)
+        tell(jobs, self._unwritten, self._folder)
+        return [jobs[number] for number in sorted(jobs)]
+
     def load(self) -> LoadedSweep:
         """The sweep as it stands now; DataError if there is none."""
         if not (self._folder / JOBS).is_file():
             return load_sweep(self._folder, self._unwritten)
-        self._go_on()
-        jobs = dict(self._jobs)
-        tell(jobs, self._unwritten, self._folder)
-        stand = as_they_stand([jobs[number] for number in sorted(jobs)], self._folder)
+        stand = as_they_stand(self.told(), self._folder)
         return LoadedSweep(self._folder, self._current_plan(), stand, self._damaged)
 
     def _go_on(self) -> None:

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from omnilab.runner.run_folder.names import SUMMARY
 from omnilab.runner.run_folder.tables import number, write_csv
-from omnilab.runner.sweeps.job_log import PLANNED, JobLog, read_events
-from omnilab.runner.sweeps.state import Job, jobs_of
+from omnilab.runner.sweeps.job_log import PLANNED, JobLog
+from omnilab.runner.sweeps.reader import reader_of
+from omnilab.runner.sweeps.state import Job
 
 
 def table(jobs: Iterable[Job]) -> tuple[list[str], list[list[str]]]:
@@ -27,5 +28,5 @@ def table(jobs: Iterable[Job]) -> tuple[list[str], list[list[str]]]:
 def write_table(log: JobLog, folder: Path) -> None:
     """Write the table as the events tell, under the log's lock, so that no older one takes its place. OSError."""
     with log.locked():  # of which there may be none on a full disk
-        header, rows = table(jobs_of([*read_events(folder)[0], *log.unwritten], folder))
+        header, rows = table(reader_of(folder).told())
         write_csv(folder / SUMMARY, header, rows)
