@@ -313,6 +313,13 @@ def test_associations_that_see_nothing_are_refused(wrong):
         AssociationSettings(**wrong)
 
 
+@pytest.mark.parametrize(("every_m", "every_rad"), [(5e-324, 0.1), (1e-9, 0.1), (0.1, 5e-324)])
+def test_images_without_number_on_a_path_are_refused(every_m, every_rad):
+    bent = planar_poses([[0, 0, 1], [4, 0, 1]], [0, 1])
+    with pytest.raises(ConfigError, match=r"study.every_m=.* more than 1000000 images on this path; give larger ones"):
+        spaced(bent, every_m, every_rad)
+
+
 def test_the_path_of_the_world_is_requested_by_name_and_spaced():
     sensor = Ring()
     run(ViewSlam(path="around", height_m=0.7, every_m=0.2, every_rad=0.1), sensor=sensor)

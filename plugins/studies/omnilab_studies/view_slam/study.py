@@ -24,6 +24,7 @@ from omnilab_studies.view_slam.results import report
 from omnilab_studies.view_slam.saved_views import ViewWriter, check_sensors
 
 FINE = 40  # samples of each step of a path, to space images along it
+MOST_IMAGES = 1_000_000  # of a path: more would take a day and more
 
 
 @dataclass
@@ -121,13 +122,22 @@ def _log_truth(record: Recorder, parts: Parts, plan: Plan) -> None:
 
 
 def spaced(T_world_camera: Floats, every_m: float, every_rad: float) -> Floats:
-    """Poses (M, 4, 4) along a path (N, 4, 4), a next one wherever the robot has moved or rotated so far."""
+    """Poses (M, 4, 4) along a path (N, 4, 4), a next one wherever the robot has moved or rotated so far.
+
+    ConfigError for more than MOST_IMAGES.
+    """
     count = len(T_world_camera)
     at = np.linspace(0, count - 1, FINE * (count - 1) + 1)
     number = np.arange(count)
     position = np.column_stack([np.interp(at, number, axis) for axis in T_world_camera[:, :3, 3].T])
     heading = np.interp(at, number, np.unwrap(heading_of(T_world_camera)))
-    moves = np.linalg.norm(np.diff(position, axis=0), axis=1) / every_m
-    along = np.append(0.0, np.cumsum(np.maximum(moves, np.abs(np.diff(heading)) / every_rad)))
+    with np.errstate(over="ignore"):  # told below
+        moves = np.linalg.norm(np.diff(position, axis=0), axis=1) / every_m
+        along = np.append(0.0, np.cumsum(np.maximum(moves, np.abs(np.diff(heading)) / every_rad)))
+    if not along[-1] < MOST_IMAGES:
+        raise ConfigError(
+            f"study.every_m={every_m} and study.every_rad={every_rad} ask for more than {MOST_IMAGES} images on this path;"
+            " give larger ones"
+        )
     chosen = np.searchsorted(along, np.arange(int(along[-1] + 1e-9) + 1) - 1e-9)
     return planar_poses(position[chosen], heading[chosen])
