@@ -32,7 +32,7 @@ class SweepReader:
         self._jobs: dict[int, Job] = {}
         self._read = self._damaged = 0  # bytes, lines
 
-    def told(self) -> list[Job]:
+    def reported(self) -> list[Job]:
         """The jobs as their events tell of them, whatever has become of those that had not ended."""
         self._go_on()
         jobs = dict(self._jobs)
@@ -43,7 +43,7 @@ class SweepReader:
         """The sweep as it stands now; DataError if there is none."""
         if not (self._folder / JOBS).is_file():
             return load_sweep(self._folder, self._unwritten)
-        stand = as_they_stand(self.told(), self._folder)
+        stand = as_they_stand(self.reported(), self._folder)
         return LoadedSweep(self._folder, self._current_plan(), stand, self._damaged)
 
     def _go_on(self) -> None:

@@ -28,5 +28,5 @@ def table(jobs: Iterable[Job]) -> tuple[list[str], list[list[str]]]:
 def write_table(log: JobLog, folder: Path) -> None:
     """Write the table as the events tell, under the log's lock, so that no older one takes its place. OSError."""
     with log.locked():  # of which there may be none on a full disk
-        header, rows = table(reader_of(folder).told())
+        header, rows = table(reader_of(folder).reported())
         write_csv(folder / SUMMARY, header, rows)
