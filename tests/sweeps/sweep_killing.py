@@ -13,6 +13,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from random import Random
 
@@ -22,7 +23,7 @@ LAUNCHERS = {
     "serial": [],
     "joblib": ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"],
     "submitit": ["hydra/launcher=submitit_local", "hydra.launcher.timeout_min=10"],
-    "ray": ["hydra/launcher=ray", "hydra.launcher.ray.init.num_cpus=2"],
+    "ray": ["hydra/launcher=ray", "+hydra.launcher.ray.init.num_cpus=2"],
 }
 WORDS = "-m", "~experiment", "study=work", "~sinks.rerun", "~sinks.mcap"
 LONGEST_S = 900.0
@@ -76,7 +77,8 @@ def killed(
             while sweep.poll() is None and lines(folder) < known + more:
                 time.sleep(0.02)
         time.sleep(random.uniform(0.0, 1.5))
-        os.killpg(sweep.pid, signal.SIGKILL) if group else sweep.kill()
+        with suppress(ProcessLookupError):  # it may be done by now
+            os.killpg(sweep.pid, signal.SIGKILL) if group else sweep.kill()
         sweep.wait()
         words = ["sweep", "resume", "s"]
     sweep = command(folder, *words)
