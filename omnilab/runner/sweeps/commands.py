@@ -19,7 +19,7 @@ NUMBERS = (  # settings of launchers and sweepers that name neither code nor com
     "gpus_per_node", "tasks_per_node", "mem_gb", "partition", "qos", "account", "array_parallelism", "num_cpus", "num_gpus",
 )  # fmt: skip
 PLAIN = re.compile(
-    rf"hydra/(launcher|sweeper|sweeper/sampler)=\w+|hydra\.(launcher|sweeper)(\.[a-z]+)*\.({'|'.join(NUMBERS)})=[\w.+-]+"
+    rf"[+]{{0,2}}hydra/(launcher|sweeper|sweeper/sampler)=\w+|[+]{{0,2}}hydra\.(launcher|sweeper)(\.[a-z]+)*\.({'|'.join(NUMBERS)})=[\w.+-]+"
 )
 
 
