@@ -75,7 +75,7 @@ FOUND: list[tuple[str, Change, str]] = [
     ("depth_npy", put(np.float32(1.5).tobytes(), np.float32(-1.5).tobytes()), "it holds depths below 0"),
     ("camera_unified", put(b'"k1": 0.0', b'"k1": 4294967296'), "see"),
     ("scenario_yaml", put(b"step_m: ", b"step_m: &a 0.5\nstep_n: *a # "), "is an alias; write the value out"),
-    ("run_metrics.csv", put(b"unit,low,high", b"unit,low,note"), "high of nearest_rate is no number"),
+    ("run_metrics.csv", put(b"unit,low,high", b"unit,low,note"), "it has a column low, and none that is called high"),
     ("run_config.yaml", put(b"seed: 0", b"seed: &a 0\nlogs: *a"), "it has an alias"),
 ]
 

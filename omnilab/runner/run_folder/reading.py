@@ -63,8 +63,10 @@ class LoadedRun:
     def intervals(self) -> dict[str, tuple[float, float]]:
         """95 % confidence of the metrics for which it was estimated."""
         columns, rows = self._metric_table
-        if not columns.keys() >= {"low", "high"}:
+        if "low" not in columns:
             return {}
+        if "high" not in columns:
+            raise self.unreadable("metrics.csv", "it has a column low, and none that is called high")
         name, low, high = columns["metric"], columns["low"], columns["high"]
         try:
             return {row[name]: (float(row[low]), float(row[high])) for row in rows if row[low]}

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, ClassVar
 
 from omnilab.errors import DataError
-from omnilab.runner.run_folder.lock import RunLock
+from omnilab.runner.run_folder.lock import LOCK, RunLock
 from omnilab.runner.run_folder.names import DONE, FAILED, RUNNING, SILENT
 from omnilab.runner.sweeps.job_log import PLANNED, RESUMED, log_of
-from omnilab.runner.sweeps.plan_file import SweepPlan
+from omnilab.runner.sweeps.plan_file import PLAN, SweepPlan
 from omnilab.runner.sweeps.state import Job, LoadedSweep, load_sweep
 
 
@@ -88,7 +89,11 @@ class ActiveSweep:
         return False
 
     def release(self) -> None:
-        """Let other sweeps into the folder, which say that it is taken."""
+        """Let other sweeps into the folder, which say that it is taken; without a trace where no job was planned."""
+        if not self.resumed and {path.name for path in self.folder.glob("*")} <= {LOCK, PLAN}:
+            for name in (PLAN, LOCK):
+                with suppress(OSError):  # then it stays, and says that nobody holds it
+                    (self.folder / name).unlink(missing_ok=True)
         self.lock.release()
 
 

@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from omnilab.errors import DataError
@@ -88,7 +89,7 @@ def swept(overrides: Sequence[str], search_space: Mapping[str, Any]) -> dict[str
     """What a sweep varies: values by parameter, of overrides and of a sweeper's own parameters (`search_space`)."""
     given = [*overrides, *(f"{name}={value}" for name, value in search_space.items())]
     found: dict[str, list[str]] = {}
-    for override in OverridesParser.create().parse_overrides(given):
+    for override in OverridesParser.create(config_loader=GlobalHydra.instance().config_loader()).parse_overrides(given):
         if override.is_sweep_override():
             discrete = override.is_discrete_sweep()
             values = list(map(str, override.sweep_string_iterator())) if discrete else [_text(override.input_line)]
