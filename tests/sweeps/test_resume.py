@@ -116,8 +116,12 @@ def test_a_strangers_plan_inserts_and_executes_nothing(work, resumed, monkeypatc
     monkeypatch.setenv("SECRET", "abc")
     plan = Path("s/sweep.yaml")
     own = plan.read_text()
-    for word in "study.mark=${oc.env:SECRET}", "hydra.launcher._target_=os.system", "hydra.job.env_set.A=1":
-        plan.write_text(own.replace("- study=work", f"- study=work\n- {word}"))
+    words = [
+        "study.mark=${oc.env:SECRET}", "hydra.launcher._target_=os.system", "hydra.job.env_set.A=1", "--config-dir=/x",
+        "logs=/somewhere", "++cache=../up", "study.folder='~/.config'",
+    ]  # fmt: skip
+    for word in words:
+        plan.write_text(own.replace("- study=work", f"- study=work\n- {json.dumps(word)}"))
         result = resumed()
         assert (result.rc, word in result.stderr) == (2, True)
         assert "abc" not in result.stderr

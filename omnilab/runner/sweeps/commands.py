@@ -5,10 +5,14 @@ from __future__ import annotations
 import argparse
 import re
 import shlex
+from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 from omnilab.errors import ConfigError, DataError
+from omnilab.runner.config import Settings
 from omnilab.runner.discovery import discover_loudly
+from omnilab.runner.registry import Registry
 from omnilab.runner.sweeps.plan_file import PLAN, SweepPlan, read_plan
 from omnilab.runner.sweeps.start import RESUME, RETRY
 from omnilab.runner.sweeps.status_commands import list_arguments, list_sweeps, status, status_arguments
@@ -39,7 +43,9 @@ def _resume_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("sweep", type=Path, metavar="SWEEP", help="the sweep's folder")
     parser.add_argument("--retry-failed", action="store_true", help="run the jobs that failed once more, too")
     parser.add_argument(
-        "--trust", action="store_true", help="do as the sweep's file says also where it sets what Hydra itself executes"
+        "--trust",
+        action="store_true",
+        help="do as the sweep's file says, also where that could read, run or replace anything",
     )
 
 
@@ -50,29 +56,44 @@ def resume(options: argparse.Namespace) -> int:
     plan = read_plan(options.sweep)
     if plan is None:
         raise DataError(f"{options.sweep} holds no sweep that could go on (no {PLAN}); run its command again")
-    words = checked_words(plan, options.sweep, options.trust)
+    registry = discover_loudly()
+    words = checked_words(plan, options.sweep, options.trust, registry)
     print_error(f"the sweep goes on: omnilab {shlex.join(words)}")
     words += [f"{RESUME}={options.sweep.absolute()}", *([f"{RETRY}=on"] if options.retry_failed else [])]
-    return experiment(words, discover_loudly())
+    return experiment(words, registry)
 
 
-def checked_words(plan: SweepPlan, folder: Path, trust: bool) -> list[str]:
-    """The words of a sweep's command; an error if they were meant for another folder, or might be a stranger's.
-
-    Hydra inserts what `${...}` names, and its own settings name code and commands of a shell.
-    """
+def checked_words(plan: SweepPlan, folder: Path, trust: bool, registry: Registry) -> list[str]:
+    """The words of a sweep's command; an error if they were meant for another folder, or might be a stranger's."""
     there = Path(plan.directory)
     if there.is_dir() and not there.samefile(Path.cwd()):
         where = shlex.quote(plan.directory)
         raise ConfigError(f"the sweep was begun in {where}, from where its files are named; go there first: cd {where}")
-    if not trust:
-        for word in plan.command:
-            if "${" in word or (re.match(r"[+~]*hydra[./]", word) and not PLAIN.fullmatch(word)):
-                raise DataError(
-                    f"{folder / PLAN} has {word}, by which Hydra could be made to read or run anything;"
-                    " if that file is your own, give --trust"
-                )
+    for word in plan.command if not trust else ():
+        if reason := _doubt(word, registry):
+            raise DataError(f"{folder / PLAN} has {word}, {reason}; if that file is your own, give --trust")
     return list(plan.command)
+
+
+def _doubt(word: str, registry: Registry) -> str | None:
+    """Why a word of a command might be a stranger's; None of one that could do no harm.
+
+    Hydra inserts what `${...}` names, recipes and its own settings name code, and some settings name what is written.
+    """
+    if "${" in word or (re.match(r"[+~]*hydra[./]", word) and not PLAIN.fullmatch(word)):
+        return "by which Hydra could be made to read or run anything"
+    if word.startswith("-") and word not in ("-m", "--multirun"):
+        return "by which Hydra could be made to read recipes of anybody"
+    key, _, value = word.partition("=")
+    if re.split(r"[.+~]", key)[-1] in _written(registry) and re.match(r"[\"']?(/|~|(.*/)?\.\.(/|$))", value):
+        return "which is written to, and lies elsewhere"
+    return None
+
+
+def _written(registry: Registry) -> set[str]:
+    """The names of settings that name a file or a folder which is written."""
+    classes: list[type[Any]] = [Settings, *(component.cls for component in registry.components.values())]
+    return {each.name for cls in classes for each in fields(cls) if "writes" in each.metadata}
 
 
 COMMANDS = {
