@@ -23,8 +23,11 @@ def expected(tmp_path_factory):
 
 
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("launcher", LAUNCHERS)
-@pytest.mark.parametrize("whole", [True, False], ids=["all", "parent"])
+@pytest.mark.parametrize(
+    ("launcher", "whole"),
+    [*((launcher, True) for launcher in LAUNCHERS), ("joblib", False), ("submitit", False)],
+    ids=lambda value: value if isinstance(value, str) else "all" if value else "parent",
+)
 def test_a_killed_sweep_ends_as_one_that_was_left_alone(expected, tmp_path, launcher, whole):
     if launcher in MODULES:
         pytest.importorskip(MODULES[launcher])

@@ -8,6 +8,7 @@ grief because a worker died, the worker's job has failed, and the rest goes on.
 from __future__ import annotations
 
 import copy
+import os
 import time
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -45,6 +46,8 @@ class SweepLauncher(Launcher):
 
     def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
         assert ActiveSweep.now is not None
+        # Ray's workers are this Python: below `uv run` it would have `uv run` make them an environment each, and may hang
+        os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
         self._sweep, self._context = ActiveSweep.now, hydra_context
         self._display = SweepDisplay(SweepReader(self._sweep.folder, self._sweep.log.unwritten).load)
         self._registry = getattr(task_function, "registry", None) or discover()
