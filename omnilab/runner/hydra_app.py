@@ -117,9 +117,10 @@ class Task:
         overrides = _as_is(state.overrides)["task"]
         name = str(state.runtime.choices.get("experiment"))
         if state.mode is RunMode.MULTIRUN:
-            number = int(state.job.env_set[JOB])
-            folder = folder / str(number) if state.sweep.subdir == IN_SWEEP else folder
-            life = JobLife(number, folder, Path(state.runtime.cwd) / _as_is(state.sweep)["dir"], print_error)
+            number, subdir = int(state.job.env_set[JOB]), str(state.sweep.subdir)
+            sweep = folder if subdir == IN_SWEEP else folder.parents[len(Path(subdir).parts) - 1]
+            folder = folder / str(number) if subdir == IN_SWEEP else folder
+            life = JobLife(number, folder, sweep, print_error)
             with printed_into(life.sweep / OUTPUT / f"{number}.log") if self.is_copy else nullcontext():
                 _say_new_names(state.runtime.choices, self.registry)
                 value = run_job(config, self.registry, life, overrides, name)

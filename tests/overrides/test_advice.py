@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from omnilab.api import KINDS
+from omnilab.api import KINDS, Report
 from omnilab.errors import OmnilabError
 from omnilab.runner import hydra_app
 from omnilab.runner.cli import COMMANDS
@@ -119,7 +119,7 @@ def test_advice_that_is_followed_works(tmp_path, monkeypatch, part):
     """Each is refused with its advice; with what that proposes, the run begins."""
     monkeypatch.chdir(tmp_path)
     begun, registry, wrong = [], discover(), []
-    monkeypatch.setattr(hydra_app, "execute", lambda *given: begun.append(given))
+    monkeypatch.setattr(hydra_app, "execute", lambda *given: begun.append(given) or Report([]))
     monkeypatch.setattr(hydra_app, "show_run", lambda report, folder: None)
     for given, advice, then in FOLLOWED[part]:
         try:

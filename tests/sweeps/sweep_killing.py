@@ -32,10 +32,11 @@ LONGEST_S = 900.0
 def command(folder: Path, *words: str) -> subprocess.Popen[bytes]:
     """The installed command in a session of its own, whose processes can be killed together."""
     env = os.environ | {"OMNILAB_PLUGINS": str(PLUGIN)}
-    log = (folder / "output.txt").open("ab")
-    return subprocess.Popen(
-        [SCRIPT, *words], cwd=folder, env=env, stdout=log, stderr=log, stdin=subprocess.DEVNULL, start_new_session=True
-    )
+    with (folder / "output.txt").open("ab") as log:
+        return subprocess.Popen(
+            [SCRIPT, *words], cwd=folder, env=env, stdout=log, stderr=log, stdin=subprocess.DEVNULL,
+            start_new_session=True,
+        )  # fmt: skip
 
 
 def lines(folder: Path) -> int:
