@@ -13,7 +13,8 @@ from omnilab.runner.run_folder.lock import LOCK, RunLock
 from omnilab.runner.run_folder.names import DONE, FAILED, RUNNING, SILENT
 from omnilab.runner.sweeps.job_log import PLANNED, RESUMED, log_of
 from omnilab.runner.sweeps.plan_file import PLAN, SweepPlan
-from omnilab.runner.sweeps.state import Job, LoadedSweep, load_sweep
+from omnilab.runner.sweeps.reader import SweepReader
+from omnilab.runner.sweeps.state import Job, LoadedSweep
 
 
 class ActiveSweep:
@@ -28,6 +29,7 @@ class ActiveSweep:
         self.folder, self.lock, self.launcher, self.say = folder, lock, launcher, say
         self.retry_failed = retry_failed
         self.log = log_of(folder)
+        self._reader = SweepReader(folder, self.log.unwritten)
         self._before = [] if retry_failed is None else self.load().jobs
         self._numbered = set[int]()  # jobs that were handed out
 
@@ -46,7 +48,7 @@ class ActiveSweep:
 
     def load(self) -> LoadedSweep:
         """How all jobs stand."""
-        return load_sweep(self.folder, self.log.unwritten)
+        return self._reader.load()
 
     def plan(self, job_overrides: Sequence[Sequence[str]]) -> dict[int, list[str]]:
         """The jobs' numbers, in order: those that they had before, or the next ones."""

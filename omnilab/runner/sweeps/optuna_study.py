@@ -78,8 +78,8 @@ def prepare(
 ) -> tuple[int, int]:
     """Settle what an interruption left open in a study: how many of `total` trials are to go, and how many there were.
 
-    A trial that was going on has its value if its job is among the `ended` ones: what they return, by overrides. Else it counts as none, and its parameters are the next to
-    be tried, as are those of trials that failed where these are to be retried.
+    A trial that was going on has its value if its job is among the `ended` ones: what they return, by overrides. Else it
+    counts as none, and its parameters are the next to be tried, as are those of failed trials that are to be retried.
     """
     with _quiet() as optuna:
         states = optuna.trial.TrialState
