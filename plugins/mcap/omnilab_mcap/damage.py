@@ -150,6 +150,8 @@ class DamagedLog(DamagedFile):
 
     def _parsed(self, opcode: int, raw: bytes, at: int) -> list[McapRecord]:
         """What a record of the data section holds; UnreadableRecord if it is not whole."""
+        if opcode != Opcode.CHUNK and is_chunk(raw[:64], len(raw)):  # one damaged byte makes it anything else
+            raise UnreadableRecord(f"a chunk that calls itself a record of kind {opcode}")
         if opcode in PRIVATE:
             if not self._follows(at + len(raw)):
                 raise UnreadableRecord(f"a record of the unknown kind {opcode}")

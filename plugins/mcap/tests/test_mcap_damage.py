@@ -123,6 +123,14 @@ def check_damages(folder, log, kind, seeds):
             assert "was torn" in sentence or f" {lost} were lost" in sentence, f"seed {seed}: {sentence}"
 
 
+@pytest.mark.parametrize("opcode", [0x01, 0x04, 0x05, 0x07, 0x09, 0x0C, 0x0F, 0x80, 0xFF])
+def test_a_chunk_that_calls_itself_another_record_is_lost_and_said_to_be(tmp_path, own, opcode):
+    start, _, inside = list(chunks(own))[3]
+    sentence, kept = mend(tmp_path, own[:start] + bytes([opcode]) + own[start + 1 :])
+    assert len(kept) == PER_CHUNK * CHUNKS - len(inside)
+    assert f" {len(inside)} were lost" in sentence
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_whole_chunks_survive_any_damage(tmp_path, own, kind):
     check_damages(tmp_path, own, kind, range(6))
