@@ -1,0 +1,23 @@
+"""The service from elsewhere: what `omnilab serve` answers, as data, and a client that asks it."""
+
+from omnilab.client.models import (
+    ComponentRecord,
+    JobRecord,
+    RunPage,
+    RunRecord,
+    StageProgress,
+    Submission,
+    SubmissionRequest,
+    SweepRecord,
+)
+
+__all__ = [
+    "ComponentRecord",
+    "JobRecord",
+    "RunPage",
+    "RunRecord",
+    "StageProgress",
+    "Submission",
+    "SubmissionRequest",
+    "SweepRecord",
+]

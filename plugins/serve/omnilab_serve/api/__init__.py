@@ -1,0 +1,5 @@
+"""The REST API, a router a subject: as the pages, in JSON."""
+
+from omnilab_serve.api import compare, components, queue, runs, session, sweeps
+
+ROUTERS = [module.router for module in (runs, sweeps, compare, queue, components, session)]

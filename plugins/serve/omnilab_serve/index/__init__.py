@@ -1,0 +1,1 @@
+"""The index of runs and sweeps: a cache of what their folders say."""

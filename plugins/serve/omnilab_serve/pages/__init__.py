@@ -1,0 +1,7 @@
+"""The pages, a router a page."""
+
+from omnilab_serve.pages import compare, components, events, new, queue, run, run_list, sweep, sweep_list, viewer
+
+ROUTERS = [
+    module.router for module in (run_list, run, viewer, sweep_list, sweep, compare, queue, new, components, events)
+]

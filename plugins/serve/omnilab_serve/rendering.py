@@ -1,0 +1,44 @@
+"""Pages from templates: everything is escaped, nothing of a run is ever markup."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from starlette.requests import Request
+from starlette.responses import HTMLResponse
+
+from omnilab_serve.words import ago, duration, figure, headline_metrics
+
+STATIC = Path(__file__).parent / "static"
+
+
+@cache
+def templates() -> Environment:
+    """The templates, with what they may call."""
+    environment = Environment(
+        loader=PackageLoader("omnilab_serve"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True,
+    )  # fmt: skip
+    environment.filters |= {
+        "ago": ago,
+        "duration": duration,
+        "figure": figure,
+        "headline": headline_metrics,
+        "path": lambda text: quote(str(text), safe="/"),
+    }
+    return environment
+
+
+def page(request: Request, name: str, status: int = 200, **content: Any) -> HTMLResponse:
+    """A page, or a part of one, of a template."""
+    state = request.app.state
+    text = (
+        templates()
+        .get_template(name)
+        .render(request=request, settings=state.service.settings, csrf=state.csrf, place=request.url.path, **content)
+    )
+    return HTMLResponse(text, status)

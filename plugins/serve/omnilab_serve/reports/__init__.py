@@ -1,0 +1,1 @@
+"""Reports: a run or a sweep as one HTML file."""

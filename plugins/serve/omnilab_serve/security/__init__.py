@@ -1,0 +1,3 @@
+"""What keeps strangers out: hosts, tokens, forged requests, content policies, bounds."""
+
+from omnilab_serve.security.protection import protect as protect

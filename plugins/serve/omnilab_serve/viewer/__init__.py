@@ -1,0 +1,1 @@
+"""The Rerun viewer of the installed version, and the recordings that it is shown."""

@@ -1,0 +1,104 @@
+"""A service of its own for each test, a client that knows its tokens, and a real browser."""
+
+from __future__ import annotations
+
+import shutil
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+import uvicorn
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from omnilab.runner.cli import main
+from omnilab_serve.app import create_app
+from omnilab_serve.settings import ServeSettings
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+ONLY_LOOPBACK = "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"  # as if there were no network
+LAUNCH = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", ONLY_LOOPBACK]
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return int(server.getsockname()[1])
+
+
+class Served:
+    """A service that listens at a port of its own, in a thread of the tests."""
+
+    def __init__(self, settings: ServeSettings) -> None:
+        self.settings = settings
+        self.app = create_app(settings)
+        self.server = uvicorn.Server(uvicorn.Config(self.app, port=settings.port, log_level="error", lifespan="on"))
+        self.thread = threading.Thread(target=self.server.run, daemon=True)
+        self.url = f"http://127.0.0.1:{settings.port}"
+        self.client = httpx.Client(base_url=self.url, headers={"X-CSRF-Token": self.app.state.csrf}, timeout=30)
+
+    def start(self) -> None:
+        self.thread.start()
+        while not self.server.started:
+            assert self.thread.is_alive()
+            time.sleep(0.02)
+
+    def stop(self) -> None:
+        self.client.close()
+        self.server.should_exit = self.server.force_exit = True
+        self.thread.join(20)
+
+
+@pytest.fixture
+def serve(tmp_path: Path) -> Iterator[Callable[..., Served]]:
+    """Starts a service: `serve()`, or `serve(logs=..., token=...)` with settings of its own."""
+    started = []
+
+    def start(**settings: object) -> Served:
+        given = {"logs": tmp_path / "logs", "port": free_port()} | settings
+        Path(str(given["logs"])).mkdir(exist_ok=True)
+        served = Served(ServeSettings(**given))  # type: ignore[arg-type]
+        served.start()
+        started.append(served)
+        return served
+
+    yield start
+    for served in started:
+        served.stop()
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    if CHROMIUM is None:
+        pytest.skip("no browser is there to look at pages with (Debian: apt-get install chromium)")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=LAUNCH)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def tab(browser: Browser) -> Iterator[Page]:
+    """A page of a fresh profile, which fails the test if it meets a script error."""
+    context = browser.new_context(viewport={"width": 1400, "height": 900})
+    page, errors = context.new_page(), []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    yield page
+    context.close()
+    assert errors == []
+
+
+RUN = ["experiment=quickstart", "study.query_count=6", "study.step_m=1.0", "sensor.size=64", "cache=off"]
+
+
+@pytest.fixture(scope="session")
+def finished_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Logs with two small runs of quickstart, and a sweep of two jobs; to be copied by those that change it."""
+    logs = tmp_path_factory.mktemp("served") / "logs"
+    for words in ([*RUN, "seed=1"], [*RUN, "seed=2", "descriptor=hog"], ["-m", *RUN, "seed=3,4"]):
+        with pytest.raises(SystemExit) as ended:
+            main([*words, f"logs={logs}"])
+        assert ended.value.code == 0
+    return logs
