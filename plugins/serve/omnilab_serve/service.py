@@ -11,6 +11,7 @@ from starlette.requests import HTTPConnection
 from omnilab.errors import DataError
 from omnilab.runner.run_folder import LoadedRun, load_run
 from omnilab.runner.sweeps import LoadedSweep, load_sweep
+from omnilab_serve.composing import Composer
 from omnilab_serve.events import Events
 from omnilab_serve.index.run_index import RunIndex
 from omnilab_serve.queue import RunQueue
@@ -28,7 +29,8 @@ class Service:
         self.settings = settings
         self.events = Events()
         self.index = RunIndex(settings.logs, self.events)
-        self.queue = RunQueue(settings, self.events)
+        self.composer = Composer(settings)
+        self.queue = RunQueue(settings, self.events, self.composer)
 
     def start(self) -> None:
         """Begin to watch the logs, and to run what is in the queue."""
@@ -38,6 +40,7 @@ class Service:
     def stop(self) -> None:
         """End what was started; what runs goes on."""
         self.queue.stop()
+        self.composer.stop()
         self.index.stop()
 
     def folder(self, path: str) -> Path:

@@ -1,5 +1,6 @@
-"""Experiments by their settings: recipes, forms, and what the builder says of overrides."""
+"""Experiments by their settings: recipes, forms, and what the builder says of overrides, from a process of its own."""
 
 from omnilab_serve.composing.checks import Composed, check_request
+from omnilab_serve.composing.composer import Composer
 
-__all__ = ["Composed", "check_request"]
+__all__ = ["Composed", "Composer", "check_request"]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from omnilab.client import SubmissionRequest
 from omnilab.errors import ConfigError
-from omnilab_serve.settings import ServeSettings
+from omnilab_serve.composing.composer import Composer
 
 
 @dataclass(frozen=True)
@@ -18,9 +18,9 @@ class Composed:
     command: list[str]  # the words of `omnilab`, without where it writes
 
 
-def check_request(request: SubmissionRequest, settings: ServeSettings) -> Composed:
+def check_request(request: SubmissionRequest, composer: Composer) -> Composed:
     """The experiment that is asked for; ConfigError in the builder's own sentence for one that cannot, or must not, be run."""
-    del settings
+    del composer
     experiment = [word.partition("=")[2] for word in request.overrides if word.startswith("experiment=")]
     if len(experiment) != 1:
         raise ConfigError("no experiment is named; add experiment=NAME")

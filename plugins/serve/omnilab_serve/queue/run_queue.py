@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from omnilab.client import Submission, SubmissionRequest
+from omnilab_serve.composing import Composer
 from omnilab_serve.events import Events
 from omnilab_serve.settings import ServeSettings
 
@@ -12,8 +13,8 @@ from omnilab_serve.settings import ServeSettings
 class RunQueue:
     """Submissions, which outlive the process; each runs in a process of its own, which outlives it too."""
 
-    def __init__(self, settings: ServeSettings, events: Events) -> None:
-        self._settings, self._events = settings, events
+    def __init__(self, settings: ServeSettings, events: Events, composer: Composer) -> None:
+        self._settings, self._events, self._composer = settings, events, composer  # check_request asks the composer
 
     def start(self) -> None:
         """Take up what is there: what still runs is watched, what waits is begun in its turn."""
