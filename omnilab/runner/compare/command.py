@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import gc
+import json
 import shlex
 import sys
 from collections.abc import Iterator, Sequence
@@ -41,7 +42,10 @@ def compare(argv: list[str]) -> int:
             comparison = best_first(comparison, options.best)
     metrics = options.metrics or _main_metrics(comparison, options.best)
     checked(metrics, comparison.metrics, "metric of these runs")
-    _show(comparison, metrics, options)
+    if options.json:
+        _print_json(comparison)
+    else:
+        _show(comparison, metrics, options)
     try:
         _write(comparison, metrics, options)
     except OSError as error:
@@ -67,6 +71,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="A,B",
         help="which metrics (default: all, or the main ones)",
     )
+    add("--json", action="store_true", help="print all that is known of them as one JSON document")
     add("--csv", type=Path, metavar="FILE", help="write all statistics of all metrics, a row each (replaces FILE)")
     add("--latex", type=Path, metavar="FILE", help="write the table of configurations for LaTeX (booktabs)")
     add("--markdown", type=Path, metavar="FILE", help="the same for Markdown")
@@ -105,6 +110,14 @@ def _main_metrics(comparison: RunComparison, objective: str | None) -> list[str]
     """The one that is asked for, and the study's first."""
     asked_for = [objective.removeprefix("-")] if objective else []
     return list(dict.fromkeys(asked_for + comparison.metrics))[:HEADLINE]
+
+
+def _print_json(comparison: RunComparison) -> None:
+    with uninterrupted():
+        from omnilab.runner.compare.document import comparison_document
+
+        document = comparison_document(comparison)
+    sys.stdout.write(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
 
 
 def _show(comparison: RunComparison, metrics: Sequence[str], options: argparse.Namespace) -> None:

@@ -81,6 +81,11 @@ def named(group: int) -> str:
     return (named(group // 26 - 1) if group >= 26 else "") + chr(ord("A") + group % 26)
 
 
+def unit_of(error: str) -> str:
+    """The unit of a column of errors, which its name ends with."""
+    return re.sub(ERROR, r"\2", error)
+
+
 def _same_queries(first: Path, second: Path) -> DataFrame:
     """The errors of two runs side by side; DataError if they were not asked the same queries."""
     tables = [_queries(first), _queries(second)]
@@ -127,10 +132,9 @@ def _compared_errors(tables: Sequence[DataFrame], error: str, first: int, second
     known = np.isfinite(sides[0]) & np.isfinite(sides[1])
     a, b = sides[0][known], sides[1][known]
     alone = sum(table.attrs["alone"] for table in tables)
-    unit = re.sub(ERROR, r"\2", error)
     won, lost = int((b < a).sum()), int((b > a).sum())
     return PairedErrors(
-        first, second, error, unit, len(tables), len(a), int((~known).sum()) + alone,
+        first, second, error, unit_of(error), len(tables), len(a), int((~known).sum()) + alone,
         **_intervals(a, b), won=won, tied=len(a) - won - lost, lost=lost, **_tests(a, b, won, lost),
     )  # fmt: skip
 

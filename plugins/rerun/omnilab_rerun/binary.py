@@ -75,6 +75,13 @@ def _write(log: DamagedRecording, kept: list[Message], out: BinaryIO) -> None:
         raise unmended(log.path, "`rerun rrd filter` wrote what cannot be read back")
 
 
+def join(parts: Iterable[Path], out: BinaryIO) -> None:
+    """Write recordings, and the layouts in them, as one; DataError if the program cannot."""
+    done = _rrd("merge", *parts, out=out)
+    if done.returncode:
+        raise DataError(f"the recordings cannot be written as one ({complaint(done.stderr)})")
+
+
 def _loadable(log: DamagedRecording) -> list[Message]:
     """The messages that the program takes: it knows more of what should be in them. Those it refuses are found by halving."""
     calls = itertools.count()

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+from omnilab.atomic_files import write_whole
 from omnilab.errors import ConfigError, DataError
 from omnilab.hooks import Runs, RunSummary
+from omnilab_rerun.binary import join
 from omnilab_rerun.colors import RUNS
 from omnilab_rerun.comparison import not_common, write_comparison
 from omnilab_rerun.contents import RecordingContents, contents_of
@@ -26,6 +29,30 @@ def view_several(runs: Runs, folders: Sequence[Path], screenshot: Path | None, s
 
     ConfigError for one that is given twice, and for more than can be told apart; DataError if none has a recording.
     """
+    with _merged(runs, folders) as (merged, layout):
+        if screenshot is None:
+            show(merged, layout)
+        else:
+            take_picture(merged, screenshot, step, SIZE, layout, title="the merged recording")
+
+
+def save_several(runs: Runs, folders: Sequence[Path], target: Path) -> None:
+    """Write runs side by side, with their layout, as one recording; errors as of `view_several`, and of the disk.
+
+    The file is written whole or not at all.
+    """
+    if target.suffix != ".rrd":
+        raise ConfigError(f"{target} would be a recording by another name; give {target.with_suffix('.rrd')}")
+    with _merged(runs, folders) as parts:
+        try:
+            write_whole(target, lambda out: join(parts, out))
+        except OSError as error:
+            raise DataError(f"{target} cannot be written ({error.strerror}); give another path") from error
+
+
+@contextmanager
+def _merged(runs: Runs, folders: Sequence[Path]) -> Iterator[tuple[Path, Path]]:
+    """The recordings as one, and its layout: two files that go afterwards."""
     _check(folders)
     recorded = []
     for summary in map(runs.summary, folders):
@@ -46,10 +73,7 @@ def view_several(runs: Runs, folders: Sequence[Path], screenshot: Path | None, s
         merged, layout = Path(place) / "runs.rrd", Path(place) / "layout.rrd"
         merge(shown, merged)
         write_comparison(shown, summaries, different, layout)
-        if screenshot is None:
-            show(merged, layout)
-        else:
-            take_picture(merged, screenshot, step, SIZE, layout, title="the merged recording")
+        yield merged, layout
 
 
 def _with_layouts(found: Sequence[RecordingContents], summaries: Sequence[RunSummary]) -> list[RecordingContents]:

@@ -20,12 +20,18 @@ def view(runs: Runs, argv: Sequence[str]) -> int:
     options = _parser().parse_args(argv)
     folders = [folder for given in options.run or [LATEST] for folder in jobs_of(given)]
     with _ended_in_good_order():
-        if len(folders) == 1:
+        if options.save is not None:
+            from omnilab_rerun.several import save_several
+
+            save_several(runs, folders, options.save)
+        elif len(folders) == 1:
             RerunSink().view(runs.ready(folders[0]), screenshot=options.screenshot, step=options.step)
         else:
             from omnilab_rerun.several import view_several
 
             view_several(runs, folders, options.screenshot, options.step)
+    if options.save is not None:
+        sys.stderr.write(f"omnilab: the merged recording is {options.save}\n")
     if options.screenshot is not None:
         sys.stderr.write(f"omnilab: the picture is {options.screenshot}\n")
     return 0
@@ -58,6 +64,8 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser("omnilab view", description=view.__doc__)
     add = parser.add_argument
     add("run", nargs="*", type=Path, help="run folders, or a sweep's for all its jobs (default: the latest run)")
-    add("--screenshot", type=Path, metavar="FILE.png", help="write this PNG instead of opening a window")
+    how = parser.add_mutually_exclusive_group()
+    how.add_argument("--save", type=Path, metavar="FILE.rrd", help="write the runs side by side as this recording")
+    how.add_argument("--screenshot", type=Path, metavar="FILE.png", help="write this PNG instead of opening a window")
     add("--step", type=int, help="the step to show in the picture (default: the last with an image)")
     return parser

@@ -147,6 +147,19 @@ def test_a_run_has_one_name_and_colour_everywhere(view, logs, shown):
         assert np.ptp(frame, axis=0).tolist() == [10, 8, 0], "around the room"
 
 
+def test_a_saved_recording_holds_the_runs_and_their_layout(view, logs, read, tmp_path, capsys):
+    assert view(logs / "a", logs / "b", "--save", tmp_path / "both.rrd") == 0
+    assert f"the merged recording is {tmp_path / 'both.rrd'}" in capsys.readouterr().err
+    saved = read(tmp_path / "both.rrd")
+    assert len(saved.reader.recordings()) == 1
+    assert saved.rows("/hog/error/position_m", "Scalars:scalars") == [[2.0], [3.0], [4.0]]
+    assert saved.rows("/hog/error/position_m", "SeriesLines:names") == [["hog"]]
+    assert {"Runs", "Position error [m]", "radon: Room", "hog: Room"} <= views(saved).keys()
+    with pytest.raises(ConfigError, match=r"both\.png would be a recording by another name; give \S+both\.rrd"):
+        view(logs / "a", logs / "b", "--save", tmp_path / "both.png")
+    assert [path.name for path in tmp_path.iterdir()] == ["both.rrd"]
+
+
 def test_maps_side_by_side_and_a_plot_for_each_error(view, logs, shown):
     view(logs / "a", logs / "b")
     found = views(shown[1])
