@@ -64,13 +64,16 @@ class SweepRecord:
     """A sweep, without or with its jobs."""
 
     path: str  # of its folder, below the logs, with /
+    state: str  # running, silent, done, failed, interrupted (jobs are still to be done) or unreadable
     experiment: str = ""
     command: Sequence[str] = ()
+    parameters: Mapping[str, Sequence[str]] = field(default_factory=dict)  # what is swept, and its values
     counts: Mapping[str, int] = field(default_factory=dict)  # of jobs, by state
     goes_on: bool = False
     fraction: float = 0.0
     left_s: float | None = None
     started: str | None = None
+    error: str | None = None  # why it is unreadable
     jobs: Sequence[JobRecord] = ()
 
 

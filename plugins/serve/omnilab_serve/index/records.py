@@ -2,32 +2,128 @@
 
 from __future__ import annotations
 
+import json
 import math
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 from omnilab.client import RunRecord, StageProgress
 from omnilab.errors import DataError
-from omnilab.runner.run_folder import RUNNING, UNREADABLE, LoadedRun
+from omnilab.runner.compare.configurations import SectionReader
+from omnilab.runner.run_folder.names import CONFIG, DONE, FAILED, INTERRUPTED, RUNNING, SUMMARY, UNREADABLE
+from omnilab.runner.run_folder.progress import RunProgress
+from omnilab.runner.run_folder.reading import LoadedRun
+from omnilab.runner.sweeps.job_log import JOBS
+from omnilab.runner.sweeps.plan_file import PLAN
+
+OF_SWEEP = {JOBS, PLAN, SUMMARY}  # a folder with one of these is a sweep's
+STAMP, STAMP_LENGTH = "%Y-%m-%d_%H-%M-%S", 19  # how the name of a run's folder begins
 
 
 def run_record(run: LoadedRun, logs: Path) -> RunRecord:
     """A run as its folder tells; one that is damaged says why, as its error."""
-    path = run.folder.resolve().relative_to(logs.resolve()).as_posix()
+    root = logs.resolve()
+    return record_at(run.folder.resolve().relative_to(root).as_posix(), root, SectionReader())
+
+
+def record_at(path: str, root: Path, sections: SectionReader) -> RunRecord:
+    """The run of a path below the logs, which are `root`, links resolved; `sections` read many configurations at once."""
+    run = LoadedRun(root / path)
+    sweep = _sweep_of(path, root)
     try:
-        state, manifest, status, metrics = run.state, run.manifest, run.status, run.metrics
+        state, manifest, status, progress = run.state, run.manifest, run.status, run.progress
+        metrics = {name: value if math.isfinite(value) else None for name, value in run.metrics.items()}
+        intervals = {name: pair for name, pair in run.intervals.items() if all(map(math.isfinite, pair))}
     except DataError as error:
-        return RunRecord(path, UNREADABLE, error=str(error))
-    progress = run.progress if state == RUNNING else None
+        return RunRecord(path, UNREADABLE, started=_by_name(run.folder.name), error=str(error), sweep=sweep)
+    started = (
+        _instant(progress.began if progress else None) or _by_name(run.folder.name) or _instant(status.get("time"))
+    )
     return RunRecord(
         path,
         state,
         experiment=manifest["experiment"],
         overrides=[word for word in manifest["overrides"] if not word.startswith("experiment=")],
-        components={slot: found["name"] for slot, found in manifest.get("components", {}).items()},
-        metrics={name: None if math.isnan(value) else value for name, value in metrics.items()},
-        intervals=run.intervals,
+        components=_components(manifest.get("components")),
+        settings=_settings(run, sections),
+        metrics=metrics,
+        intervals=intervals,
         units=run.units,
-        host=manifest.get("host", {}).get("name"),
-        error=status.get("error"),
-        progress=StageProgress(progress.fraction or 0.0, progress.words, progress.left_s) if progress else None,
+        started=started,
+        seconds=_seconds(state, started, status, progress),
+        host=_text(manifest.get("host"), "name"),
+        error=_text(status, "error"),
+        sweep=sweep,
+        progress=stage_progress(progress) if state == RUNNING else None,
     )
+
+
+def stage_progress(progress: RunProgress | None) -> StageProgress | None:
+    """How far a run is, as the API has it."""
+    return StageProgress(progress.fraction or 0.0, progress.words, progress.left_s) if progress else None
+
+
+def _text(content: object, name: str) -> str | None:
+    value = content.get(name) if isinstance(content, dict) else None
+    return value if isinstance(value, str) else None
+
+
+def _components(content: object) -> dict[str, str]:
+    slots = content if isinstance(content, dict) else {}
+    return {slot: name for slot, found in slots.items() if (name := _text(found, "name"))}
+
+
+def _settings(run: LoadedRun, sections: SectionReader) -> dict[str, Any]:
+    """All settings by their full names; none where the configuration is missing or damaged, which the run's page says."""
+    try:
+        found: dict[str, dict[str, str]] = run.parsed(CONFIG, sections.read)
+    except DataError:
+        return {}
+    return {name: _value(text) for section in found.values() for name, text in section.items()}
+
+
+@lru_cache(maxsize=10_000)
+def _value(text: str) -> Any:
+    """A setting's value, of the text that an override would have."""
+    try:
+        value = json.loads(text)
+    except (ValueError, RecursionError):
+        return text
+    return text if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _sweep_of(path: str, root: Path) -> str | None:
+    """The path of the nearest folder above a run that is a sweep's."""
+    parts = path.split("/")[:-1]
+    for depth in range(len(parts), 0, -1):
+        folder = root.joinpath(*parts[:depth])
+        if any((folder / name).is_file() for name in OF_SWEEP):
+            return "/".join(parts[:depth])
+    return None
+
+
+def _seconds(state: str, started: str | None, status: Mapping[str, Any], progress: RunProgress | None) -> float | None:
+    """How long a run took, or has taken by what it wrote last."""
+    known = [progress.run_s] if progress else []
+    if state in (DONE, FAILED, INTERRUPTED) and started and (ended := _instant(status.get("time"))):
+        known.append((datetime.fromisoformat(ended) - datetime.fromisoformat(started)).total_seconds())
+    return max(known) if known and max(known) >= 0 else None
+
+
+def _instant(text: object) -> str | None:
+    """A time of ISO 8601 in UTC, so that times sort as their texts do; None for what is none."""
+    try:
+        return datetime.fromisoformat(str(text)).astimezone(UTC).isoformat()
+    except (ValueError, OverflowError):
+        return None
+
+
+def _by_name(name: str) -> str | None:
+    """When a run began, by the name of its folder and the time zone of here."""
+    try:
+        return datetime.strptime(name[:STAMP_LENGTH], STAMP).astimezone().astimezone(UTC).isoformat()
+    except (ValueError, OverflowError):
+        return None
