@@ -36,6 +36,6 @@ def listen(settings: ServeSettings) -> None:
 
     from omnilab_serve.app import create_app
 
-    uvicorn.run(
-        create_app(settings), host=settings.host, port=settings.port, log_level="warning", timeout_graceful_shutdown=2
-    )
+    app = create_app(settings)
+    app.state.service.queue.claim()
+    uvicorn.run(app, host=settings.host, port=settings.port, log_level="warning", timeout_graceful_shutdown=2)
