@@ -8,6 +8,14 @@ from typing import Any
 
 
 @dataclass(frozen=True)
+class Session:
+    """What a client needs before it asks for changes."""
+
+    version: str  # of omnilab, that answers
+    csrf: str  # the header X-CSRF-Token of requests that change something
+
+
+@dataclass(frozen=True)
 class StageProgress:
     """How far a run, or a sweep, is."""
 
@@ -102,12 +110,6 @@ class Submission:
     started: str | None = None
     ended: str | None = None
     error: str | None = None
-    experiment: str = ""
-    jobs: int = 1
-    command: str = ""  # that does the same on a command line
-    stopping: int = 0  # how often it was told to end: by SIGINT, then SIGTERM, then SIGKILL
-    folders: Sequence[str] = ()  # of each time that it was begun, below the logs
-    progress: StageProgress | None = None  # of one that is running
 
 
 @dataclass(frozen=True)

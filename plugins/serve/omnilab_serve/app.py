@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 
 from fastapi import FastAPI
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.staticfiles import StaticFiles
@@ -23,35 +23,37 @@ ROUTERS = (*pages.ROUTERS, *api.ROUTERS)
 
 
 def create_app(settings: ServeSettings) -> FastAPI:
-    """The application for one folder of logs; it watches and works between its startup and its shutdown."""
+    """The application for one folder of logs; its service watches and works once it is started."""
     service = Service(settings)
-
-    @asynccontextmanager
-    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        service.start()
-        try:
-            yield
-        finally:
-            service.stop()
-
     app = FastAPI(
-        title="omnilab", version=__version__, lifespan=lifespan, docs_url=None, redoc_url=None,
-        openapi_url="/api/openapi.json",
+        title="omnilab", version=__version__, docs_url=None, redoc_url=None, openapi_url="/api/openapi.json",
+        telemetry={"tracing": False, "metrics": False, "logs": False, "auto_configure": False},
     )  # fmt: skip
     app.state.service = service
     app.state.csrf = secrets.token_urlsafe(32)
     for router in ROUTERS:
         app.include_router(router)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
-    app.add_exception_handler(OmnilabError, refused)
+    for kind in (OmnilabError, HTTPException, RequestValidationError):
+        app.add_exception_handler(kind, refused)
     protect(app, settings)
     return app
 
 
 def refused(request: Request, error: Exception) -> Response:
     """A user's mistake: its sentence, as a page or as JSON."""
-    status = 404 if isinstance(error, NotThereError) else 422
+    status, sentence = described(error)
     if request.url.path.startswith("/api/"):
-        return JSONResponse({"detail": str(error)}, status)
+        return JSONResponse({"detail": sentence}, status)
     name = "part_error.html" if "hx-request" in request.headers else "error.html"
-    return page(request, name, status, sentence=str(error))
+    return page(request, name, status, sentence=sentence)
+
+
+def described(error: Exception) -> tuple[int, str]:
+    """The status and the sentence of a mistake."""
+    if isinstance(error, HTTPException):
+        return error.status_code, "there is nothing at this address" if error.status_code == 404 else str(error.detail)
+    if isinstance(error, RequestValidationError):
+        found = error.errors()[0]
+        return 422, f"{'.'.join(map(str, found['loc'][1:]))}: {found['msg']}"
+    return 404 if isinstance(error, NotThereError) else 422, str(error)

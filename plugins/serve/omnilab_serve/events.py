@@ -15,6 +15,12 @@ class Events:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._watchers: set[_Watcher] = set()
+        self._closed = False
+
+    @property
+    def count(self) -> int:
+        """How many watch."""
+        return len(self._watchers)
 
     def publish(self, *topics: str) -> None:
         """Tell all watchers, from any thread."""
@@ -23,14 +29,20 @@ class Events:
         for watcher in watchers:
             watcher.tell(topics)
 
+    def close(self) -> None:
+        """End all streams, which have no end of their own."""
+        self._closed = True
+        self.publish()
+
     async def watch(self) -> AsyncIterator[set[str]]:
         """The topics that have changed since the last time, again and again."""
         watcher = _Watcher(asyncio.get_running_loop())
         with self._lock:
             self._watchers.add(watcher)
         try:
-            while True:
-                yield await watcher.next()
+            while not self._closed:
+                if topics := await watcher.next():
+                    yield topics
         finally:
             with self._lock:
                 self._watchers.discard(watcher)

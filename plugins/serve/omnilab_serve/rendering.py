@@ -42,3 +42,9 @@ def page(request: Request, name: str, status: int = 200, **content: Any) -> HTML
         .render(request=request, settings=state.service.settings, csrf=state.csrf, place=request.url.path, **content)
     )
     return HTMLResponse(text, status)
+
+
+def login_page(status: int = 200, sentence: str = "", entered: bool = False) -> HTMLResponse:
+    """The page for the token: nothing of the service stands in it."""
+    text = templates().get_template("login.html").render(sentence=sentence, entered=entered)
+    return HTMLResponse(text, status, {"Referrer-Policy": "same-origin"})  # else browsers send the form without origin

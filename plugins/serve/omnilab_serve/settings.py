@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
+EVERY_ADDRESS = ("0.0.0.0", "::")
 
 
 @dataclass(frozen=True)
@@ -23,5 +25,6 @@ class ServeSettings:
 
     @property
     def hosts(self) -> list[str]:
-        """The names that a request may have in its Host."""
-        return [*LOOPBACK, self.host, *self.names]
+        """The names that a request may have in its Host; at every address of the machine also any address."""
+        own = [socket.gethostname(), socket.getfqdn()] if self.host in EVERY_ADDRESS else [self.host]
+        return [name.lower() for name in (*LOOPBACK, *own, *self.names)]

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import httpx
 import pytest
-import uvicorn
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from omnilab.runner.cli import main
 from omnilab_serve.app import create_app
+from omnilab_serve.server import PageServer, listener
 from omnilab_serve.settings import ServeSettings
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -34,7 +34,7 @@ class Served:
     def __init__(self, settings: ServeSettings) -> None:
         self.settings = settings
         self.app = create_app(settings)
-        self.server = uvicorn.Server(uvicorn.Config(self.app, port=settings.port, log_level="error", lifespan="on"))
+        self.server = PageServer(self.app, listener("127.0.0.1", settings.port))
         self.thread = threading.Thread(target=self.server.run, daemon=True)
         self.url = f"http://127.0.0.1:{settings.port}"
         self.client = httpx.Client(base_url=self.url, headers={"X-CSRF-Token": self.app.state.csrf}, timeout=30)
@@ -47,7 +47,7 @@ class Served:
 
     def stop(self) -> None:
         self.client.close()
-        self.server.should_exit = self.server.force_exit = True
+        self.server.should_exit = True
         self.thread.join(20)
 
 
