@@ -13,7 +13,6 @@ from typing import Any, ClassVar, cast
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
-from hydra.errors import HydraException
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -27,6 +26,7 @@ from omnilab.runner.execute import execute
 from omnilab.runner.interrupts import HeldSignals
 from omnilab.runner.overrides.command_line import for_hydra, quoted
 from omnilab.runner.overrides.compose_errors import sentence
+from omnilab.runner.overrides.composition import in_sentences
 from omnilab.runner.registry import Registry
 from omnilab.runner.run_folder import DONE, FAILED, RunFolder, new_folder_name, origin, write_csv
 from omnilab.runner.run_folder.names import SUMMARY
@@ -75,27 +75,18 @@ def experiment(argv: list[str], registry: Registry) -> int:
 def _hydra(task: Task, argv: list[str], registry: Registry) -> None:
     """Have Hydra call the task, and say in a sentence what it does not like."""
     try:
-        hydra.main(version_base="1.3", config_path="pkg://omnilab.conf", config_name="config")(task)()
+        with in_sentences(registry, argv):
+            hydra.main(version_base="1.3", config_path="pkg://omnilab.conf", config_name="config")(task)()
     except SweepRefusedError as refused:
         raise refused.mistake from refused
-    except (HydraException, OmegaConfBaseException) as error:
-        raise ConfigError(sentence(error, registry, argv)) from error
     except OSError as error:  # Hydra makes the run's folder
         if error.filename is None:
             raise
         raise DataError(f"{error.filename} cannot be used ({error.strerror}); mend that, or give logs=DIR") from error
     except ValueError as error:
-        if "No trials are completed" in str(error):
-            raise DataError("no trial of the search has an objective; the lines above say why") from error
-        if "Config group override" not in str(error):
+        if "No trials are completed" not in str(error):
             raise
-        raise ConfigError(
-            "a slot cannot be set to null; leave a component out with ~SLOT, as in ~descriptor"
-        ) from error
-    except Exception as error:
-        if (mark := getattr(error, "problem_mark", None)) is None:
-            raise
-        raise ConfigError(f"{mark.name}, line {mark.line + 1}, is no YAML; correct it") from error  # a recipe
+        raise DataError("no trial of the search has an objective; the lines above say why") from error
 
 
 class Task:

@@ -28,7 +28,7 @@ def file_digests(path: str, settings: Any) -> dict[str, str]:
     What is no regular file and no folder has none, nor what is too large to be read.
     """
     aside = _folder_of_runs(settings)
-    found = {name: _digest(place, aside) for name, place in _inputs(path, settings)}
+    found = {name: _digest(place, aside) for name, place in inputs_of(path, settings)}
     return {name: digest for name, digest in found.items() if digest is not None}
 
 
@@ -40,7 +40,7 @@ def unknown_inputs(path: str, settings: Any, known: Mapping[str, str], aside: It
     folders = {os.path.realpath(folder) for folder in aside}
     return [
         f"{name}={place}"
-        for name, place in _inputs(path, settings)
+        for name, place in inputs_of(path, settings)
         if name not in known or _digest(place, folders) != known[name]
     ]
 
@@ -80,7 +80,7 @@ def _members(settings: Any) -> list[tuple[str, Any]] | None:
     return None
 
 
-def _inputs(path: str, settings: Any, folders: Iterable[tuple[str, str]] = ()) -> Iterator[tuple[str, str]]:
+def inputs_of(path: str, settings: Any, folders: Iterable[tuple[str, str]] = ()) -> Iterator[tuple[str, str]]:
     """Every place on the disk that a setting names, with the setting's path.
 
     A text may be meant from the working folder, or from a folder that another setting beside it names; what lies within
@@ -105,7 +105,7 @@ def _inputs(path: str, settings: Any, folders: Iterable[tuple[str, str]] = ()) -
     named = [(f"{path}.{name}".removeprefix("."), value) for name, value in members]
     beside = [(name, str(value)) for name, value in named if names_folder(value)]
     for name, value in named:
-        yield from _inputs(name, value, beside)
+        yield from inputs_of(name, value, beside)
 
 
 def _is_text(value: Any) -> bool:

@@ -64,12 +64,13 @@ FRONTS = {"serve"}  # plugins that stand on the runner, as the command line does
 THIRD_PARTY = {  # which modules of omnilab may import what, beside numpy
     "hydra": {
         "runner.registry", "runner.config", "runner.build", "runner.hydra_app", "runner.overrides.command_line",
-        "runner.sweeps.launcher", "runner.sweeps.plan_file",
+        "runner.overrides.composition", "runner.sweeps.launcher", "runner.sweeps.plan_file",
         "runner.sweeps.worker",
     },
     "omegaconf": {
         "runner.registry", "runner.config", "runner.build", "runner.execute", "runner.hydra_app", "runner.input_files",
         "runner.sweeps.objective", "runner.overrides.command_line", "runner.overrides.compose_errors",
+        "runner.overrides.composition",
         "runner.sweeps.launcher", "runner.sweeps.optuna_study", "runner.sweeps.start",
     },
     "optuna": {"runner.sweeps.optuna_study"},

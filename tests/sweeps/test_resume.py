@@ -118,6 +118,7 @@ def test_a_strangers_plan_inserts_and_executes_nothing(work, resumed, monkeypatc
     own = plan.read_text()
     words = [
         "study.mark=${oc.env:SECRET}", "hydra.launcher._target_=os.system", "hydra.job.env_set.A=1", "--config-dir=/x",
+        "hydra={launcher:{_target_:os.system}}", "descriptor=../../../tmp/evil", "+sink@hydra.launcher=console",
         "logs=/somewhere", "++cache=../up", "study.folder='~/.config'",
     ]  # fmt: skip
     for word in words:

@@ -127,7 +127,7 @@ def _readable(word: str, multirun: bool, registry: Registry) -> str:
     value = value.strip(" \t")
     if key in FOLDERS and value.strip("'\" ") == "":
         raise ConfigError(f"{key}={value} names no folder; give {key}=DIR")
-    parsed = _parsed(word)
+    parsed = parse_override(word)
     types = types_of(key, registry)
     if is_text(types):
         return _text(key, value, parsed, multirun)
@@ -163,13 +163,13 @@ def _without_value(word: str) -> str:
 def _check_key(key: str, value: str, word: str, registry: Registry) -> None:
     """ConfigError if what stands before the = can be no setting's name."""
     name = key.lstrip("+~")
-    if _parsed(f"{key}=0") is not None and name.strip("@"):
+    if parse_override(f"{key}=0") is not None and name.strip("@"):
         _check_depth(name, registry)
         return
     tidy = key.strip()
-    if tidy != key and _parsed(f"{tidy}=0") is not None:
+    if tidy != key and parse_override(f"{tidy}=0") is not None:
         raise ConfigError(f"'{word}' has a space in its name; write {tidy}={value.strip()}")
-    if (index := re.fullmatch(r"(.*)\[\d+\]", key)) and _parsed(f"{index[1]}=0") is not None:
+    if (index := re.fullmatch(r"(.*)\[\d+\]", key)) and parse_override(f"{index[1]}=0") is not None:
         raise ConfigError(f"'{key}' is part of a list, which is set as a whole; give {index[1]}=[VALUE,VALUE]")
     raise ConfigError(f"'{key}' is no name of a setting; give NAME=VALUE, such as sensor.size=250 or seed=1")
 
@@ -186,7 +186,7 @@ def _check_depth(name: str, registry: Registry) -> None:
             )
 
 
-def _parsed(word: str) -> Override | None:
+def parse_override(word: str) -> Override | None:
     """The override as Hydra reads it; None if it does not."""
     try:
         return _parser().parse_override(word)

@@ -3,28 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import re
 import shlex
-from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
 from omnilab.errors import ConfigError, DataError
-from omnilab.runner.config import Settings
 from omnilab.runner.discovery import discover_loudly
+from omnilab.runner.overrides.doubts import doubt
 from omnilab.runner.registry import Registry
 from omnilab.runner.sweeps.plan_file import PLAN, SweepPlan, read_plan
 from omnilab.runner.sweeps.start import RESUME, RETRY
 from omnilab.runner.sweeps.status_commands import list_arguments, list_sweeps, status, status_arguments
 from omnilab.runner.terminal import print_error
-
-NUMBERS = (  # settings of launchers and sweepers that name neither code nor commands of a shell
-    "n_jobs", "n_trials", "max_batch_size", "max_failure_rate", "seed", "direction", "timeout_min", "cpus_per_task", "nodes",
-    "gpus_per_node", "tasks_per_node", "mem_gb", "partition", "qos", "account", "array_parallelism", "num_cpus", "num_gpus",
-)  # fmt: skip
-PLAIN = re.compile(
-    rf"[+]{{0,2}}hydra/(launcher|sweeper|sweeper/sampler)=\w+|[+]{{0,2}}hydra\.(launcher|sweeper)(\.[a-z]+)*\.({'|'.join(NUMBERS)})=[\w.+-]+"
-)
 
 
 def sweep(argv: list[str]) -> int:
@@ -70,30 +59,9 @@ def checked_words(plan: SweepPlan, folder: Path, trust: bool, registry: Registry
         where = shlex.quote(plan.directory)
         raise ConfigError(f"the sweep was begun in {where}, from where its files are named; go there first: cd {where}")
     for word in plan.command if not trust else ():
-        if reason := _doubt(word, registry):
+        if reason := doubt(word, registry):
             raise DataError(f"{folder / PLAN} has {word}, {reason}; if that file is your own, give --trust")
     return list(plan.command)
-
-
-def _doubt(word: str, registry: Registry) -> str | None:
-    """Why a word of a command might be a stranger's; None of one that could do no harm.
-
-    Hydra inserts what `${...}` names, recipes and its own settings name code, and some settings name what is written.
-    """
-    if "${" in word or (re.match(r"[+~]*hydra[./]", word) and not PLAIN.fullmatch(word)):
-        return "by which Hydra could be made to read or run anything"
-    if word.startswith("-") and word not in ("-m", "--multirun"):
-        return "by which Hydra could be made to read recipes of anybody"
-    key, _, value = word.partition("=")
-    if re.split(r"[.+~]", key)[-1] in _written(registry) and re.match(r"[\"']?(/|~|(.*/)?\.\.(/|$))", value):
-        return "which is written to, and lies elsewhere"
-    return None
-
-
-def _written(registry: Registry) -> set[str]:
-    """The names of settings that name a file or a folder which is written."""
-    classes: list[type[Any]] = [Settings, *(component.cls for component in registry.components.values())]
-    return {each.name for cls in classes for each in fields(cls) if "writes" in each.metadata}
 
 
 COMMANDS = {

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 from omnilab.client import SubmissionRequest
-from omnilab.errors import ConfigError
 from omnilab_serve.composing.composer import Composer
 
 
@@ -16,12 +17,19 @@ class Composed:
     experiment: str
     jobs: int  # 1: a run; more: a sweep
     command: list[str]  # the words of `omnilab`, without where it writes
+    swept: Mapping[str, Sequence[str]] = field(default_factory=dict)  # the values of what a sweep varies
+
+    @property
+    def is_sweep(self) -> bool:
+        """Also of one job: `range(0,1)` is a sweep, and its folder that of one."""
+        return "-m" in self.command
+
+    @property
+    def line(self) -> str:
+        """The command for a shell."""
+        return shlex.join(["omnilab", *self.command])
 
 
 def check_request(request: SubmissionRequest, composer: Composer) -> Composed:
-    """The experiment that is asked for; ConfigError in the builder's own sentence for one that cannot, or must not, be run."""
-    del composer
-    experiment = [word.partition("=")[2] for word in request.overrides if word.startswith("experiment=")]
-    if len(experiment) != 1:
-        raise ConfigError("no experiment is named; add experiment=NAME")
-    return Composed(experiment[0], 1, list(request.overrides))
+    """The experiment that is asked for; SettingError in the builder's own sentence for one that cannot, or must not, be run."""
+    return Composed(**composer.check(request.overrides, request.launcher))

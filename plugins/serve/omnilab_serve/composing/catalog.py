@@ -1,0 +1,61 @@
+"""What is installed: recipes, components with their settings, plugins that failed, launchers."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping
+from dataclasses import asdict
+from importlib.resources import files
+from typing import Any
+
+from omnilab.api import KINDS
+from omnilab.client import ComponentRecord
+from omnilab.runner.config import Settings
+from omnilab.runner.manual import settings_data
+from omnilab.runner.overrides.compose_errors import recipes
+from omnilab.runner.overrides.composition import launchers
+from omnilab.runner.registry import Component, Registry
+
+
+def catalog(registry: Registry) -> dict[str, Any]:
+    """All of it, as JSON."""
+    return {
+        "recipes": [described(name) for name in recipes()],
+        "kinds": {kind.name: kind.summary for kind in KINDS.values()},
+        "components": [asdict(record(component)) for component in registry.components.values()],
+        "run": settings_data(Settings),
+        "failures": [
+            {"plugin": each.plugin.title, "sentence": each.sentence, "traceback": each.traceback}
+            for each in registry.failures
+        ],
+        "launchers": launchers(),
+    }
+
+
+def described(recipe: str) -> dict[str, str]:
+    """A recipe's name, the first line of its comment, and the further ones."""
+    text = (files("omnilab.conf") / "experiment" / f"{recipe}.yaml").read_text(encoding="utf-8")
+    lines = [line.removeprefix("#").strip() for line in text.partition("\ndefaults:")[0].splitlines()]
+    comment = [line for line in lines if not line.startswith("@package")]
+    return {"name": recipe, "summary": comment[0] if comment else "", "notes": " ".join(comment[1:])}
+
+
+def record(component: Component) -> ComponentRecord:
+    """A component with its manual and settings."""
+    return ComponentRecord(
+        component.kind,
+        component.name,
+        component.summary,
+        inspect.cleandoc(component.cls.__doc__ or ""),
+        component.plugin.distribution,
+        component.plugin.version,
+        settings(component.cls),
+    )
+
+
+def settings(cls: type[Any]) -> list[Mapping[str, Any]]:
+    """The settings of a component; without their comments where its source cannot be read."""
+    try:
+        return list(settings_data(cls))
+    except (OSError, TypeError):  # the class was made without a file
+        return []

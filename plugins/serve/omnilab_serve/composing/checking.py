@@ -1,0 +1,83 @@
+"""What is asked to be run, composed and built without running it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from omegaconf import DictConfig
+
+from omnilab.errors import ConfigError, OmnilabError
+from omnilab.runner.input_files import leaves
+from omnilab.runner.overrides.composition import Composition, check_build, compose, compose_job
+from omnilab.runner.registry import Registry
+from omnilab_serve.composing.network import Bounds, check_places, check_words, is_sweep
+
+CHECKED = 12  # jobs of a sweep that are composed and built
+
+
+class RefusedSettingError(ConfigError):
+    """A ConfigError about one setting, as far as its sentence tells."""
+
+    def __init__(self, sentence: str, setting: str | None) -> None:
+        super().__init__(sentence)
+        self.setting = setting
+
+
+def check(
+    registry: Registry,
+    overrides: Sequence[str],
+    launcher: str,
+    logs: str,
+    inputs: Sequence[str],
+    checked: int = CHECKED,
+) -> dict[str, Any]:
+    """What overrides come to: experiment, number of jobs, the words of the command, the values that a sweep varies."""
+    known = [word.partition("=")[0] for word in overrides]
+    try:
+        bounds = Bounds(logs, inputs)
+        experiment = check_words(overrides, registry, bounds)
+        words = list(overrides)
+        if is_sweep(overrides, registry):
+            if not re.fullmatch(r"\w+", launcher):
+                raise ConfigError(f"launcher={launcher} is no name; give basic, or one that is installed")
+            words = ["-m", *words, *([f"hydra/launcher={launcher}"] if launcher != "basic" else [])]
+        composed = compose(words, registry)
+        known += names_of(composed.config)
+        for config in _jobs(composed, registry, checked):
+            check_places(config, bounds)
+            check_build(config, registry)
+    except OmnilabError as error:
+        raise RefusedSettingError(str(error), setting_of(str(error), known)) from error
+    swept = {name: list(values) for name, values in composed.swept.items()}
+    return {"experiment": experiment, "jobs": composed.jobs, "command": words, "swept": swept}
+
+
+def _jobs(composed: Composition, registry: Registry, checked: int) -> Iterable[DictConfig]:
+    """The configuration of the first job, and those in which one value is another, up to a number."""
+    yield composed.config
+    for overrides in composed.varied[: checked - 1]:
+        yield compose_job(overrides, registry)[0]
+
+
+def names_of(config: DictConfig) -> list[str]:
+    """The names of all settings of a configuration, and of those that hold them."""
+    found = dict.fromkeys(name for name, _ in leaves("", config))
+    return list(found | dict.fromkeys(name.rpartition(".")[0] for name in found))
+
+
+def setting_of(sentence: str, known: Iterable[str]) -> str | None:
+    """Which of these settings a sentence is about: the first that it names; the longest, where several begin there."""
+    names = {name.lstrip("+~"): name for name in known if name}
+    found = [
+        (match.start(), -len(name), name)
+        for name in names
+        if (match := re.search(rf"(?<![\w.@/]){re.escape(name)}(?![\w.@/]*\w)", sentence))
+    ]
+    if found:
+        return min(found)[2]
+    dotted = re.match(
+        r"'?([a-z_]+(?:\.\w+)+)", sentence
+    )  # a setting that has no value yet is none of a configuration's
+    return dotted[1] if dotted else None

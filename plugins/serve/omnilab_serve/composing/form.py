@@ -1,0 +1,106 @@
+"""A form for an experiment: what fills its slots, what else could, and every setting with its value."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from enum import Enum
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from omnilab.api import KINDS
+from omnilab.errors import ConfigError
+from omnilab.runner.config import Settings, components_of
+from omnilab.runner.overrides.command_line import quoted
+from omnilab.runner.overrides.composition import compose
+from omnilab.runner.registry import MANY, Component, Registry
+from omnilab_serve.composing.catalog import described, settings
+
+HIDDEN = {"logs", "objective"}  # settings of the run that the form leaves to its free overrides, or to the service
+UNSET = "???"
+
+
+def form(registry: Registry, experiment: str, choices: Sequence[str] = ()) -> dict[str, Any]:
+    """The slots of an experiment with other components in some of them; `wrong` is the sentence if these do not fit."""
+    recipe = compose([f"experiment={experiment}"], registry).config
+    try:
+        config, wrong = compose([f"experiment={experiment}", *choices], registry).config, None
+    except ConfigError as error:
+        config, wrong = recipe, str(error)
+    needs = list(getattr(OmegaConf.get_type(config.study), "needs", ()))
+    slots = [_slot(path, kind, value, recipe, registry) for path, kind, value in _slots(config)]
+    order = ["study", *needs]
+    slots.sort(key=lambda slot: (not slot["name"], order.index(slot["path"]) if slot["path"] in order else len(order)))
+    return {
+        **described(experiment),
+        "slots": slots,
+        "run": [_setting(each, each["name"], config) for each in settings(Settings) if each["name"] not in HIDDEN],
+        "wrong": wrong,
+    }
+
+
+def _slots(config: DictConfig) -> Iterator[tuple[str, str, Any]]:
+    """Path, kind and content of the slots that a form shows: all of a run, and the members of its dictionaries."""
+    found = {str(name): None if OmegaConf.is_missing(config, name) else config[name] for name in config}
+    yield from components_of(found)
+
+
+def _slot(path: str, kind: str, value: Any, recipe: DictConfig, registry: Registry) -> dict[str, Any]:
+    component = _component(kind, value, registry)
+    before = _component(kind, OmegaConf.select(recipe, path), registry)
+    return {
+        "path": path,
+        "kind": kind,
+        "choice": None
+        if kind in MANY
+        else path
+        if path == kind
+        else f"{kind}@{path}",  # what an override chooses it by
+        "name": component.name if component else None,
+        "recipe": before.name if before else None,
+        "summary": component.summary if component else KINDS[kind].summary,
+        "names": {name: registry.get(kind, name).summary for name in registry.names(kind)},
+        "settings": [_setting(each, f"{path}.{each['name']}", value) for each in settings(component.cls)]
+        if component
+        else [],
+    }
+
+
+def _component(kind: str, value: Any, registry: Registry) -> Component | None:
+    cls = OmegaConf.get_type(value) if isinstance(value, DictConfig) else None
+    return next((c for c in registry.components.values() if c.kind == kind and c.cls is cls), None)
+
+
+def _setting(declared: Mapping[str, Any], path: str, owner: Any) -> dict[str, Any]:
+    """A setting with its value as an override would give it; "" where it has none yet."""
+    name = declared["name"]
+    missing = OmegaConf.is_missing(owner, name)
+    value = None if missing else owner[name]
+    found = {**declared, "path": path, "value": "" if missing else as_override(value)}
+    found["default"] = "" if declared["required"] else as_override(declared["default"])
+    if "settings" in declared:
+        found["settings"] = [_setting(each, f"{path}.{each['name']}", value) for each in declared["settings"]]
+    return found
+
+
+def as_override(value: Any) -> str:
+    """A value as it is written behind the = of an override."""
+    if OmegaConf.is_config(value):
+        value = OmegaConf.to_container(value, resolve=False)
+    if value is None:
+        return "null"
+    if isinstance(value, Enum):
+        return value.name
+    if isinstance(value, bool | int | float):
+        return json.dumps(value)
+    if isinstance(value, list):
+        return f"[{','.join(map(_member, value))}]"
+    if isinstance(value, dict):
+        return f"{{{','.join(f'{name}:{_member(each)}' for name, each in value.items())}}}"
+    return str(value)
+
+
+def _member(value: Any) -> str:
+    return as_override(value) if not isinstance(value, str) or re.fullmatch(r"[\w.-]+", value) else quoted(value)
