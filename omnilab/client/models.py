@@ -110,6 +110,12 @@ class Submission:
     started: str | None = None
     ended: str | None = None
     error: str | None = None
+    experiment: str = ""
+    jobs: int = 1
+    command: str = ""  # that does the same on a command line
+    stopping: int = 0  # how often it was told to end: by SIGINT, then SIGTERM, then SIGKILL
+    folders: Sequence[str] = ()  # of each time that it was begun, below the logs
+    progress: StageProgress | None = None  # of one that is running
 
 
 @dataclass(frozen=True)

@@ -91,8 +91,10 @@ def listen(settings: ServeSettings, opened: socket.socket, in_browser: bool = Fa
 
             webbrowser.open(address(settings))
 
+    app = create_app(settings)
+    app.state.service.queue.claim()
     try:
-        PageServer(create_app(settings), opened, ready).run()
+        PageServer(app, opened, ready).run()
     except KeyboardInterrupt:
         sys.stderr.write("omnilab: the page has ended; runs that it started go on\n")
 

@@ -2,54 +2,367 @@
 
 from __future__ import annotations
 
+import logging
+import re
+import secrets
+import subprocess
+import threading
+import time
 from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
+from omnilab.atomic_files import PART
 from omnilab.client import Submission, SubmissionRequest
-from omnilab_serve.composing import Composer
-from omnilab_serve.events import Events
+from omnilab.errors import ConfigError, DataError
+from omnilab.runner.run_folder import FAILED, RUNNING, process
+from omnilab.runner.run_folder.lock import RunLock, lock_state
+from omnilab_serve.composing import Composer, check_request
+from omnilab_serve.events import QUEUE, Events
+from omnilab_serve.queue import children, commands
+from omnilab_serve.queue.folder_state import ended_state, progress_of, state_of
+from omnilab_serve.queue.interrupting import interrupt_holder
+from omnilab_serve.queue.recovery import taken_up
+from omnilab_serve.queue.submission_file import ACTIVE, CANCELLED, QUEUED, Start, SubmissionFile, now, read_submission
+from omnilab_serve.queue.workers import Workers
 from omnilab_serve.settings import ServeSettings
+
+MULTIRUN = ("-m", "--multirun")
+FOLDER = ".queue"  # in the logs; hidden, as it is no run
+MOST_QUEUED = 1000
+MOST_PRIORITY = 1000
+WATCHED_FIRST = 2 * MOST_PRIORITY  # what runs already has its worker before anything is begun
+POLL_S, PUBLISH_S = 0.2, 1.0  # how often a process is looked at, and its progress shown
+AGAIN_S = 10.0  # after which a full disk is tried again
+PATIENCE_S = 2.0  # a second word to end within this time is the first one, said twice
+
+log = logging.getLogger("omnilab")
 
 
 class RunQueue:
-    """Submissions, which outlive the process; each runs in a process of its own, which outlives it too."""
+    """Submissions, which outlive the process; each runs in a process of its own, which outlives it too.
+
+    The files are the truth, and `_records` holds what they say; recovery.py has what follows from them after a restart.
+    """
 
     def __init__(self, settings: ServeSettings, events: Events, composer: Composer) -> None:
-        self._settings, self._events, self._composer = settings, events, composer  # check_request asks the composer
+        self._settings, self._events, self._composer = settings, events, composer
+        self._folder = settings.logs / FOLDER
+        self._records: dict[str, SubmissionFile] = {}
+        self._told_s: dict[str, float] = {}  # when one was told to end last
+        self._mutex, self._stopping = threading.RLock(), threading.Event()
+        self._lock: RunLock | None = None
+        self._workers: Workers | None = None
+
+    # ------------------------------------------------------------------------------------------- the service's life
+    def claim(self) -> None:
+        """Take the logs for this service; DataError if another one has them."""
+        if self._lock is not None:
+            return
+        self._folder.mkdir(parents=True, exist_ok=True)
+        try:
+            self._lock = RunLock.take(self._folder, purpose="serve")
+        except DataError as error:
+            found = lock_state(self._folder)
+            who = found.words if found else str(error)
+            raise DataError(
+                f"another omnilab serve works on {self._settings.logs} {who}; use its page, or give another --logs"
+            ) from error
 
     def start(self) -> None:
         """Take up what is there: what still runs is watched, what waits is begun in its turn."""
+        self.claim()
+        self._stopping.clear()
+        self._workers = Workers(self._folder / "huey.sqlite", self._settings.workers, self._take)
+        for part in self._folder.iterdir():
+            if re.search(rf"{PART}$", part.name):
+                part.unlink(missing_ok=True)
+        found = []
+        for file in self._folder.glob("*.json"):
+            try:
+                found.append(read_submission(file))
+            except DataError as error:
+                log.warning("%s", error)
+        self._records = {each.id: each for each in found}
+        for record in found:
+            if record.state in ACTIVE:
+                self._note(taken_up(record, self._settings.logs, self._lives, self._output))
+        for record in sorted(self._records.values(), key=lambda each: each.order):
+            if record.state in ACTIVE:
+                self._workers.add(record.id, WATCHED_FIRST if record.state == RUNNING else record.priority)
+        self._workers.start()
 
     def stop(self) -> None:
         """Begin nothing more; what runs goes on."""
+        with self._mutex:  # nothing is being begun
+            self._stopping.set()
+            if self._workers is not None:
+                self._workers.stop()
+            if self._lock is not None:
+                self._lock.release()
+                self._lock = None
 
+    # ------------------------------------------------------------------------------------------- what others ask for
     def submissions(self) -> Sequence[Submission]:
         """All of them, the newest first."""
-        return []
+        with self._mutex:
+            found = sorted(self._records.values(), key=lambda each: each.queued_s, reverse=True)
+        return [self._public(record) for record in found]
+
+    def waiting(self) -> Sequence[Submission]:
+        """Those that have not begun, in their order."""
+        with self._mutex:
+            found = [record for record in self._records.values() if record.state == QUEUED]
+        return [self._public(record) for record in sorted(found, key=lambda each: each.order)]
 
     def submission(self, identity: str) -> Submission | None:
         """One of them; None if there is none of that id."""
-        raise NotImplementedError(identity)
+        record = self._records.get(identity)
+        return self._public(record) if record else None
+
+    def output(self, identity: str) -> str:
+        """The end of what the last process of a submission has printed."""
+        record = self._record(identity)
+        return children.tail(self._output(record)) if record.starts else ""
 
     def submit(self, request: SubmissionRequest) -> Submission:
         """Put a run or a sweep into the queue; ConfigError for one that cannot be run, or if the queue is full."""
-        raise NotImplementedError(request)
+        commands.check_launcher(request.launcher)
+        _check_priority(request.priority)
+        self._check_room()
+        composed = check_request(request, self._composer)
+        return self._queued(
+            SubmissionFile(
+                secrets.token_hex(6), list(request.overrides), list(composed.command), **self._here(),
+                experiment=composed.experiment, jobs=composed.jobs, priority=request.priority,
+                launcher=request.launcher, sweep=composed.jobs > 1,
+            )
+        )  # fmt: skip
 
     def resume(self, path: str, retry_failed: bool = False) -> Submission:
         """Go on with a sweep, which may have been started elsewhere; DataError if it cannot."""
-        raise NotImplementedError(path, retry_failed)
+        folder = self._below(path)
+        commands.check_idle(folder, path)
+        of_it = [record for record in self._records.values() if record.sweep and record.path == path]
+        if any(record.state in ACTIVE for record in of_it):
+            raise DataError(f"{path} is in the queue already")
+        for record in of_it:
+            if not record.resumes:  # its words were checked, and are once more
+                return self._again(record, retry_failed)
+        plan = commands.resumable(folder, path)
+        new = SubmissionFile(
+            secrets.token_hex(6), [word for word in plan.command if word not in MULTIRUN], [], **self._here(), experiment=plan.experiment,
+            jobs=plan.jobs or 0, launcher=plan.launcher, sweep=True, resumes=path, retry_failed=retry_failed,
+        )  # fmt: skip
+        return self._queued(new)
 
     def cancel(self, identity: str) -> Submission:
-        """Take one out of the queue, or interrupt it as Ctrl-C does if it runs."""
-        raise NotImplementedError(identity)
+        """Take one out of the queue; interrupt one that runs as Ctrl-C does, the second time by SIGTERM, then by SIGKILL."""
+        with self._mutex:
+            record = self._record(identity)
+            if record.state == QUEUED:
+                return self._public(self._put(replace(record, state=CANCELLED, ended=now())))
+            if record.state != RUNNING:
+                raise DataError(f"submission {identity} has ended ({record.state}); there is nothing to cancel")
+            if record.signals and time.monotonic() - self._told_s.get(identity, 0.0) < PATIENCE_S:
+                return self._public(record)
+            record = self._put(replace(record, signals=record.signals + 1))
+            self._told_s[identity] = time.monotonic()
+            if (holder := record.starts[-1].process) is not None:  # else whoever watches it comes to know it
+                children.tell_to_end(holder, record.signals)
+            return self._public(record)
 
     def retry(self, identity: str) -> Submission:
         """Put one that has ended into the queue again; a sweep goes on where it is."""
-        raise NotImplementedError(identity)
+        record = self._record(identity)
+        if record.state in ACTIVE:
+            raise DataError(f"submission {identity} is {record.state}; only one that has ended can be tried again")
+        if record.resumes:
+            commands.resumable(self._below(record.resumes), record.resumes)
+        return self._again(record, retry_failed=record.state == FAILED)
 
     def prioritise(self, identity: str, priority: int) -> Submission:
         """Another place in the queue; the larger, the sooner."""
-        raise NotImplementedError(identity, priority)
+        _check_priority(priority)
+        with self._mutex:
+            record = self._record(identity)
+            if record.state != QUEUED:
+                raise DataError(f"submission {identity} is {record.state}; only what waits has a place in the queue")
+            if priority != record.priority:
+                record = self._put(replace(record, priority=priority, queued_s=time.time()))
+                self._add(record)
+            return self._public(record)
 
     def interrupt(self, path: str) -> None:
         """Ctrl-C for the run or sweep in a folder, whoever started it on this machine; DataError if none runs there."""
-        raise NotImplementedError(path)
+        folder = self._below(path)
+        for record in list(self._records.values()):
+            if record.state == RUNNING and record.path == path:
+                self.cancel(record.id)
+                return
+        interrupt_holder(folder, path)
+
+    def _again(self, record: SubmissionFile, retry_failed: bool) -> Submission:
+        self._check_room()
+        request = SubmissionRequest(record.overrides, record.priority, record.launcher)
+        words = [] if record.resumes else list(check_request(request, self._composer).command)
+        return self._queued(
+            replace(
+                record, words=words, **self._here(), retry_failed=retry_failed, state=QUEUED, queued_s=time.time(),
+                restarts=0, signals=0, ended=None, error=None,
+            )
+        )  # fmt: skip
+
+    def _queued(self, record: SubmissionFile) -> Submission:
+        with self._mutex:
+            self._check_room()
+            if (before := self._records.get(record.id)) and before.state in ACTIVE:
+                raise DataError(f"submission {record.id} is {before.state} already")
+            self._put(record)
+            self._add(record)
+        return self._public(record)
+
+    def _check_room(self) -> None:
+        with self._mutex:
+            queued = sum(record.state == QUEUED for record in self._records.values())
+        if queued >= MOST_QUEUED:
+            raise ConfigError(f"{queued} submissions wait already, as many as may; cancel some, or wait")
+
+    def _here(self) -> dict[str, Any]:
+        return {
+            "directory": str(Path.cwd()),
+            "logs": str(self._settings.logs),
+            "machine": process.machine_id(),
+        }
+
+    def _below(self, path: str) -> Path:
+        """A folder below the logs; DataError for one elsewhere."""
+        logs, folder = self._settings.logs.resolve(), (self._settings.logs / path).resolve()
+        if not folder.is_relative_to(logs) or folder == logs or not folder.is_dir():
+            raise DataError(f"there is no folder {path} in the logs")
+        return folder
+
+    def _record(self, identity: str) -> SubmissionFile:
+        if (record := self._records.get(identity)) is None:
+            raise DataError(f"there is no submission {identity}")
+        return record
+
+    def _public(self, record: SubmissionFile) -> Submission:
+        found = record.public()
+        if record.state != RUNNING or found.path is None:
+            return found
+        return replace(found, progress=progress_of(self._settings.logs / found.path, record.sweep))
+
+    # ------------------------------------------------------------------------------------------- files
+    def _put(self, record: SubmissionFile) -> SubmissionFile:
+        """The file first; DataError if the disk does not take it, and then nothing has changed."""
+        record.write(self._folder)
+        self._records[record.id] = record
+        self._events.publish(QUEUE)
+        return record
+
+    def _note(self, record: SubmissionFile) -> SubmissionFile:
+        """What has happened, whether or not the disk takes it: it can be told again from the folders."""
+        try:
+            return self._put(record)
+        except DataError as error:
+            log.warning("%s", error)
+            self._records[record.id] = record
+            return record
+
+    def _output(self, record: SubmissionFile) -> Path:
+        return self._folder / f"{record.id}-{len(record.starts)}.log"
+
+    def _mark(self, record: SubmissionFile) -> str:
+        return f"{record.id}-{len(record.starts)}"
+
+    # ------------------------------------------------------------------------------------------- what workers do
+    def _add(self, record: SubmissionFile) -> None:
+        if self._workers is not None:
+            self._workers.add(record.id, record.priority)
+
+    def _take(self, identity: str, priority: int) -> None:
+        """Begin a submission, or go on watching one that was begun by the service before."""
+        with self._mutex:
+            record = self._records[identity]
+            watched = record.state == RUNNING and priority == WATCHED_FIRST
+            waits = (
+                record.state == QUEUED and priority == record.priority
+            )  # else it was cancelled, or given another place
+            if self._stopping.is_set() or not (watched or waits):
+                return
+            try:
+                child = None if watched else self._begin(record)
+            except DataError as error:
+                log.warning("%s", error)
+                waits = False
+        if not (watched or waits):
+            self._stopping.wait(AGAIN_S)
+            self._add(record)
+            return
+        if watched and record.signals and (holder := record.starts[-1].process):
+            children.tell_to_end(holder, record.signals)  # the service may have been killed before it did
+        self._watch(identity, child)
+
+    def _begin(self, record: SubmissionFile) -> subprocess.Popen[bytes] | None:
+        """Start the process of a submission; None if there can be none, which its file then says."""
+        path = record.path if record.sweep and record.path else commands.new_path(record.experiment)
+        start = Start(path, now())
+        record = self._put(replace(record, state=RUNNING, starts=[*record.starts, start], ended=None, error=None))
+        words = commands.words_of(record, self._settings.logs)
+        try:
+            child = children.start_child(words, record.directory, self._output(record), self._mark(record))
+        except OSError as error:
+            self._note(replace(record, state=FAILED, ended=now(), error=f"no process could be started ({error})"))
+            return None
+        known = replace(start, process=children.holder_of(child.pid))
+        self._note(replace(record, starts=[*record.starts[:-1], known]))
+        return child
+
+    def _watch(self, identity: str, child: subprocess.Popen[bytes] | None) -> None:
+        """Wait until the process of a submission has ended, and write down how; nothing once the service stops."""
+        shown_s, code = time.monotonic(), None
+        while not self._stopping.wait(POLL_S):
+            record = self._records[identity]
+            if record.state != RUNNING:
+                return
+            code = child.poll() if child is not None else None
+            if code is not None or (child is None and not self._lives(record)):
+                self._end(identity, code)
+                return
+            if record.starts[-1].process is None:
+                self._identify(identity)
+            if time.monotonic() - shown_s > PUBLISH_S:
+                shown_s = time.monotonic()
+                self._events.publish(QUEUE)
+        if child is not None:
+            child.returncode = 0  # it goes on without us, and Python need not warn of that
+
+    def _lives(self, record: SubmissionFile) -> bool:
+        return children.lives(record.starts[-1], self._output(record), self._mark(record))
+
+    def _identify(self, identity: str) -> None:
+        """Find a process whose number the service before could not write down."""
+        if (pid := children.marked(self._mark(self._records[identity]))) is None:
+            return
+        with self._mutex:
+            record, holder = self._records[identity], children.holder_of(pid)
+            if not self._stopping.is_set():
+                self._note(replace(record, starts=[*record.starts[:-1], replace(record.starts[-1], process=holder)]))
+                if record.signals:
+                    children.tell_to_end(holder, record.signals)
+
+    def _end(self, identity: str, code: int | None) -> None:
+        record = self._records[identity]
+        found = state_of(self._settings.logs / record.starts[-1].path, record.sweep, record.starts[-1].time)
+        with self._mutex:
+            if not self._stopping.is_set():
+                record = self._records[identity]
+                how = ended_state(found, code, record.signals, children.tail(self._output(record)))
+                self._note(replace(record, state=how.state, error=how.error, ended=now()))
+
+
+def _check_priority(priority: int) -> None:
+    if abs(priority) > MOST_PRIORITY:
+        raise ConfigError(f"priority={priority} is out of range; give {-MOST_PRIORITY} to {MOST_PRIORITY}")
