@@ -1,5 +1,6 @@
 """The service from elsewhere: what `omnilab serve` answers, as data, and a client that asks it."""
 
+from omnilab.client.client import Client
 from omnilab.client.models import (
     ComponentRecord,
     JobRecord,
@@ -13,6 +14,7 @@ from omnilab.client.models import (
 )
 
 __all__ = [
+    "Client",
     "ComponentRecord",
     "JobRecord",
     "RunPage",

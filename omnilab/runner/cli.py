@@ -19,6 +19,7 @@ from omnilab.runner.compare.command import compare
 from omnilab.runner.discovery import discover, discover_loudly
 from omnilab.runner.interrupts import uninterrupted
 from omnilab.runner.manual import settings_data, settings_of
+from omnilab.runner.remote.options import add_server
 from omnilab.runner.repair import mend, mend_copy
 from omnilab.runner.run_folder import RUNNING, UNREADABLE, LoadedRun, find_runs, load_run, new_folder_name
 from omnilab.runner.streams import unwritten
@@ -205,13 +206,28 @@ def _of_names(names: Sequence[str], registry: Registry) -> Iterator[Component]:
 def runs(argv: list[str]) -> int:
     """List the runs there are, with their status and main metrics."""
     parser = argparse.ArgumentParser("omnilab runs", description=runs.__doc__)
-    parser.add_argument("logs", nargs="?", type=Path, default=Path("logs"), help="where to look (default: logs)")
+    parser.add_argument("logs", nargs="?", type=Path, help="where to look (default: logs)")
+    add_server(parser)
     options = parser.parse_args(argv)
-    found, rows = find_runs(options.logs)[::-1], []
-    while found:
-        rows.append(_described(found.pop(), options.logs))  # and what was read of it is let go
+    if options.server and options.logs:
+        raise ConfigError(
+            f"give either a folder ({options.logs}) or a server ({options.server}); they have runs of their own"
+        )
+    if options.server:
+        from omnilab.runner.remote.commands import run_rows  # and the network
+
+        rows = run_rows(options.server, options.token)
+    else:
+        rows = _local_rows(options.logs or Path("logs"))
     print_table(["run", "status", "main metrics", "overrides"], rows)
     return 0
+
+
+def _local_rows(logs: Path) -> list[list[str]]:
+    found, rows = find_runs(logs)[::-1], []
+    while found:
+        rows.append(_described(found.pop(), logs))  # and what was read of it is let go
+    return rows
 
 
 def _described(run: LoadedRun, logs: Path) -> list[str]:
@@ -330,6 +346,13 @@ def sweep(argv: list[str]) -> int:
     return command(argv)
 
 
+def submit(argv: list[str]) -> int:
+    """Put an experiment into the queue of a server."""
+    from omnilab.runner.remote.commands import submit as command  # and the network
+
+    return command(argv)
+
+
 COMMANDS: dict[str, hooks.Command] = {
     "plugins": plugins,
     "runs": runs,
@@ -337,4 +360,5 @@ COMMANDS: dict[str, hooks.Command] = {
     "repair": repair,
     "sweep": sweep,
     "compare": compare,
+    "submit": submit,
 }

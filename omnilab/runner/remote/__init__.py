@@ -1,0 +1,1 @@
+"""Runs of a server, from the command line."""
