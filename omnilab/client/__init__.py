@@ -4,6 +4,8 @@ from omnilab.client.client import Client
 from omnilab.client.models import (
     ComponentRecord,
     JobRecord,
+    LogTail,
+    RunFile,
     RunPage,
     RunRecord,
     Session,
@@ -17,6 +19,8 @@ __all__ = [
     "Client",
     "ComponentRecord",
     "JobRecord",
+    "LogTail",
+    "RunFile",
     "RunPage",
     "RunRecord",
     "Session",

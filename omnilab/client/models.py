@@ -46,6 +46,24 @@ class RunRecord:
 
 
 @dataclass(frozen=True)
+class RunFile:
+    """A file of a run's folder."""
+
+    name: str  # its path below the folder, with /
+    size: int  # bytes
+    changed: str
+
+
+@dataclass(frozen=True)
+class LogTail:
+    """The end of a run's log."""
+
+    lines: Sequence[str] = ()
+    size: int = 0  # of the whole log, bytes
+    cut: bool = False  # there are lines before
+
+
+@dataclass(frozen=True)
 class RunPage:
     """Some of the runs that a query matches, in its order."""
 

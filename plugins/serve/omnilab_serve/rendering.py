@@ -11,7 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from starlette.requests import Request
 from starlette.responses import HTMLResponse
 
-from omnilab_serve.words import ago, duration, figure, headline_metrics
+from omnilab_serve.words import ago, cell, duration, figure, file_size, headline_metrics
 
 STATIC = Path(__file__).parent / "static"
 
@@ -25,8 +25,10 @@ def templates() -> Environment:
     )  # fmt: skip
     environment.filters |= {
         "ago": ago,
+        "cell": cell,
         "duration": duration,
         "figure": figure,
+        "file_size": file_size,
         "headline": headline_metrics,
         "path": lambda text: quote(str(text), safe="/"),
     }

@@ -18,6 +18,24 @@ def figure(value: float | None) -> str:
     return f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
 
 
+def cell(text: str) -> str:
+    """What stands in a table of a run: a number in four digits, any other text as it is."""
+    try:
+        return figure(float(text))
+    except ValueError:
+        return text
+
+
+def file_size(size: int) -> str:
+    """As "740 B", "3.4 MB"."""
+    amount, unit = float(size), "B"
+    for larger in ("kB", "MB", "GB", "TB"):
+        if amount < 1000:
+            break
+        amount, unit = amount / 1000, larger
+    return f"{amount:.3g} {unit}" if amount < 999.5 else f"{amount:.0f} {unit}"
+
+
 def duration(seconds: float | None) -> str:
     """As "3.2 s", "4 min 10 s", "2 h 5 min"; "" where it is not known."""
     if seconds is None:

@@ -1,7 +1,60 @@
-"""A run: how it stands, its recording, figures, metrics, configuration, log."""
+"""A run: how it stands, its recording, figures, metrics, configuration, log; its files; and stopping it."""
 
 from __future__ import annotations
 
-from fastapi import APIRouter
+import os
+from pathlib import PurePosixPath
+from urllib.parse import quote
+
+from fastapi import APIRouter, Request
+from starlette.responses import HTMLResponse, Response, StreamingResponse
+
+from omnilab.errors import DataError
+from omnilab.runner.run_folder.names import CONFIG
+from omnilab_serve.index.records import run_record
+from omnilab_serve.rendering import page
+from omnilab_serve.run_details import files
+from omnilab_serve.run_details.details import RunDetails, figure_title
+from omnilab_serve.service import Here, NotThereError
 
 router = APIRouter(include_in_schema=False)
+STRANGE = {"X-Content-Type-Options": "nosniff", "Content-Security-Policy": "sandbox; default-src 'none'"}
+
+
+@router.get("/runs/{path:path}")
+def run_page(request: Request, path: str, service: Here) -> HTMLResponse:
+    run = service.run(path)
+    details = RunDetails(run, run_record(run, service.settings.logs))
+    return page(request, "run.html", details=details, run=details.record, figure_title=figure_title)
+
+
+@router.get("/parts/run-settings/{path:path}")
+def all_settings(request: Request, path: str, service: Here) -> HTMLResponse:
+    run = service.run(path)
+    try:
+        text = run.parsed(CONFIG, str)
+    except DataError as error:
+        text = str(error)
+    return page(request, "part_text.html", text=text)
+
+
+@router.post("/runs-stop/{path:path}")
+def stop(path: str, service: Here) -> Response:
+    """Ctrl-C for a run, which writes what it has and ends."""
+    service.run(path)
+    service.queue.interrupt(path)
+    return Response(status_code=204)
+
+
+@router.get("/files/{path:path}")
+def file(path: str, service: Here) -> Response:
+    """A file of a run: a picture, a text, or bytes to be saved; never a page of our origin."""
+    found = files.file_of(path, service.settings.logs)
+    if found is None:
+        raise NotThereError(f"there is no file {path} in the logs")
+    size, begins = os.fstat(found.fileno()).st_size, os.pread(found.fileno(), len(files.PNG), 0)
+    kind = files.media_type(path, begins)
+    headers = STRANGE | {"Content-Length": str(size), "Cache-Control": "no-cache"}
+    if kind == files.BYTES:
+        headers["Content-Disposition"] = f"attachment; filename*=UTF-8''{quote(PurePosixPath(path).name)}"
+    return StreamingResponse(files.content(found, size), 200, headers, kind)

@@ -6,7 +6,7 @@ let stream = null;
 function listen() {
   if (stream || document.hidden) return;
   stream = new EventSource("/events");
-  stream.addEventListener("changed", (event) => document.body.dispatchEvent(new CustomEvent(event.data)));
+  stream.addEventListener("changed", (event) => changed(event.data));
   stream.onopen = () => {
     if (!document.getElementById("offline").hidden) refresh();
     document.getElementById("offline").hidden = true;
@@ -14,9 +14,18 @@ function listen() {
   stream.onerror = () => (document.getElementById("offline").hidden = false);
 }
 
-function refresh() {
-  document.querySelectorAll("[data-topic]").forEach((part) => document.body.dispatchEvent(new CustomEvent(part.dataset.topic)));
+// A topic with a path in it, such as `run PATH`, is no name of an event that htmx could be told: its parts are sent `refresh`.
+function changed(topic) {
+  document.body.dispatchEvent(new CustomEvent(topic));
+  document.querySelectorAll(`[data-topic="${CSS.escape(topic)}"]`).forEach((part) => htmx.trigger(part, "refresh"));
 }
+
+function refresh() {
+  new Set([...document.querySelectorAll("[data-topic]")].map((part) => part.dataset.topic)).forEach(changed);
+}
+
+// What is loaded anew leaves open what was opened.
+Idiomorph.defaults.callbacks.beforeAttributeUpdated = (name, node) => !(name === "open" && node.matches("details"));
 
 document.addEventListener("visibilitychange", () => {
   if (document.hidden) {
