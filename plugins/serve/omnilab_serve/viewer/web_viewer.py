@@ -16,7 +16,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
-from importlib.util import find_spec
 from pathlib import Path
 
 from omnilab.errors import DataError
@@ -109,8 +108,9 @@ class WebViewer:
 
 def program() -> Path:
     """Rerun's program itself, not the script of the same name, which would leave it running when it is ended."""
-    spec = find_spec("rerun_cli")
-    file = Path(spec.origin if spec and spec.origin else "").with_name("rerun.exe" if os.name == "nt" else "rerun")
+    import rerun_cli
+
+    file = Path(rerun_cli.__file__).with_name("rerun.exe" if os.name == "nt" else "rerun")
     if not file.is_file():
         raise DataError(f"rerun-sdk lacks its program rerun, which holds the viewer; {REINSTALL}")
     return file
@@ -143,11 +143,11 @@ def _serving() -> Iterator[int]:
 
 def _port(process: subprocess.Popen[str]) -> int:
     """The port that the program says it serves at."""
-    said = ""
-    for said in process.stderr or ():
-        if found := STARTS.search(said):
+    line = ""
+    for line in process.stderr or ():
+        if found := STARTS.search(line):
             return int(found[1])
-    raise DataError(f"Rerun's program did not serve its viewer ({said.strip() or 'it says nothing'}); {REINSTALL}")
+    raise DataError(f"Rerun's program did not serve its viewer ({line.strip() or 'it says nothing'}); {REINSTALL}")
 
 
 def _content(port: int, file: WebViewerFile) -> bytes:
