@@ -36,7 +36,7 @@ def print_table(header: Sequence[str], rows: Sequence[Sequence[str]], title: str
     for name in header:
         table.add_column(Text(visible(name)))
     for row in rows:
-        table.add_row(*(Text(visible(_brief(cell))) for cell in row))  # as text: brackets are no markup
+        table.add_row(*(Text(visible(brief(cell))) for cell in row))  # as text: brackets are no markup
     console = Console()
     if not console.is_terminal:
         console = Console(width=max(80, console.measure(table, options=console.options.update(width=10_000)).maximum))
@@ -52,7 +52,7 @@ def _print_long(header: Sequence[str], rows: Sequence[Sequence[str]], title: str
     def width(cell: str) -> int:
         return len(cell) if cell.isascii() else cell_len(cell)
 
-    table = [[visible(cell) for cell in header], *([visible(_brief(cell)) for cell in row] for row in rows)]
+    table = [[visible(cell) for cell in header], *([visible(brief(cell)) for cell in row] for row in rows)]
     widths = [max(map(width, column)) for column in zip(*table, strict=True)]
     lines = [
         "   ".join([cell.ljust(most - width(cell) + len(cell)) for cell, most in zip(row, widths, strict=True)])
@@ -62,7 +62,7 @@ def _print_long(header: Sequence[str], rows: Sequence[Sequence[str]], title: str
     sys.stdout.write("\n".join([*filter(None, [visible(title)]), *lines, ""]))
 
 
-def _brief(cell: str) -> str:
+def brief(cell: str) -> str:
     """Figures with six digits; the files hold them all."""
     return f"{float(cell):.6g}" if FIGURE.fullmatch(cell) else cell
 

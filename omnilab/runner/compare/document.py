@@ -11,6 +11,7 @@ from omnilab.runner.compare.comparison import CONFIDENCE, RunComparison
 from omnilab.runner.compare.error_curves import SHARES, ErrorCurve, error_curves
 from omnilab.runner.compare.paired import PairedErrors, named, paired_errors
 from omnilab.runner.compare.tables import full_text, meanings
+from omnilab.runner.terminal import brief
 
 FORMAT, VERSION = "omnilab comparison", 1
 
@@ -57,7 +58,9 @@ def _configurations(comparison: RunComparison) -> list[dict[str, Any]]:
     seeds = comparison.seeds()
     for row in comparison.statistics.reset_index().itertuples():
         statistics = {name: getattr(row, name) for name in ("mean", "std", "low", "high", "interval")}
-        metrics[row.group][row.metric] = {"n": int(row.n)} | statistics | {"text": full_text(row, seeds[row.group])}
+        metrics[row.group][row.metric] = (
+            {"n": int(row.n)} | statistics | {"text": brief(full_text(row, seeds[row.group]))}
+        )
     return [
         {"name": named(group), "settings": dict(settings), "seeds": count, "metrics": metrics[group]}
         for (group, settings), count in zip(comparison.groups.iterrows(), seeds, strict=True)

@@ -11,6 +11,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from starlette.requests import Request
 from starlette.responses import HTMLResponse
 
+from omnilab_serve.comparing.charts import color_of
+from omnilab_serve.comparing.words import meaning_of
 from omnilab_serve.words import ago, cell, duration, figure, file_size, headline_metrics
 
 STATIC = Path(__file__).parent / "static"
@@ -26,10 +28,12 @@ def templates() -> Environment:
     environment.filters |= {
         "ago": ago,
         "cell": cell,
+        "color": color_of,
         "duration": duration,
         "figure": figure,
         "file_size": file_size,
         "headline": headline_metrics,
+        "meaning": meaning_of,
         "path": lambda text: quote(str(text), safe="/"),
     }
     return environment

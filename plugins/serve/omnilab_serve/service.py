@@ -11,11 +11,13 @@ from starlette.requests import HTTPConnection
 from omnilab.errors import DataError
 from omnilab.runner.run_folder import LoadedRun, load_run
 from omnilab.runner.sweeps import LoadedSweep, load_sweep
+from omnilab_serve.comparing import Comparisons
 from omnilab_serve.composing import Composer
 from omnilab_serve.events import Events
 from omnilab_serve.index.run_index import RunIndex
 from omnilab_serve.queue import RunQueue
 from omnilab_serve.settings import ServeSettings
+from omnilab_serve.sweeps import WatchedSweeps
 
 
 class NotThereError(DataError):
@@ -28,6 +30,8 @@ class Service:
     def __init__(self, settings: ServeSettings) -> None:
         self.settings = settings
         self.events = Events()
+        self.comparisons = Comparisons(settings.logs)
+        self.watched = WatchedSweeps()
         self.index = RunIndex(settings.logs, self.events)
         self.composer = Composer(settings)
         self.queue = RunQueue(settings, self.events, self.composer)
