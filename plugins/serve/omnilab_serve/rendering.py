@@ -13,6 +13,7 @@ from starlette.responses import HTMLResponse
 
 from omnilab_serve.comparing.charts import color_of
 from omnilab_serve.comparing.words import meaning_of
+from omnilab_serve.run_view import own_overrides, setting_text, title, value_of
 from omnilab_serve.words import ago, cell, duration, figure, file_size, headline_metrics
 
 STATIC = Path(__file__).parent / "static"
@@ -34,6 +35,10 @@ def templates() -> Environment:
         "file_size": file_size,
         "headline": headline_metrics,
         "meaning": meaning_of,
+        "column_title": title,
+        "own_overrides": own_overrides,
+        "setting_text": setting_text,
+        "value_of": value_of,
         "path": lambda text: quote(str(text), safe="/"),
     }
     return environment

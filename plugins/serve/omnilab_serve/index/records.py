@@ -38,9 +38,9 @@ def record_at(path: str, root: Path, sections: SectionReader) -> RunRecord:
         metrics = {name: value if math.isfinite(value) else None for name, value in run.metrics.items()}
         intervals = {name: pair for name, pair in run.intervals.items() if all(map(math.isfinite, pair))}
     except DataError as error:
-        return RunRecord(path, UNREADABLE, started=_by_name(run.folder.name), error=str(error), sweep=sweep)
+        return RunRecord(path, UNREADABLE, started=time_in_name(run.folder.name), error=str(error), sweep=sweep)
     started = (
-        _instant(progress.began if progress else None) or _by_name(run.folder.name) or _instant(status.get("time"))
+        _instant(progress.began if progress else None) or time_in_name(run.folder.name) or _instant(status.get("time"))
     )
     return RunRecord(
         path,
@@ -121,7 +121,7 @@ def _instant(text: object) -> str | None:
         return None
 
 
-def _by_name(name: str) -> str | None:
+def time_in_name(name: str) -> str | None:
     """When a run began, by the name of its folder and the time zone of here."""
     try:
         return datetime.strptime(name[:STAMP_LENGTH], STAMP).astimezone().astimezone(UTC).isoformat()

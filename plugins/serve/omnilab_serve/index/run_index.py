@@ -14,7 +14,7 @@ from omnilab_serve.events import RUNS, Events
 from omnilab_serve.index.folders import RunFolders, Stamp, stamp
 from omnilab_serve.index.live import ALIVE, LiveRuns, SweepWatch
 from omnilab_serve.index.record_cache import RecordCache, cache_file
-from omnilab_serve.index.run_table import RunTable
+from omnilab_serve.index.run_table import RunNames, RunTable
 
 EVERY_S = 0.5  # how often what goes on is looked at
 PROCESSOR_SHARE, DISK_SHARE, LONGEST_S = 200, 10, 10.0  # so many times its own time passes after a look, of either kind
@@ -67,6 +67,10 @@ class RunIndex:
         """The run of a path; None if there is none."""
         return self._table.run(path)
 
+    def names(self) -> RunNames:
+        """The metrics, component slots and settings that runs have."""
+        return self._table.names()
+
     def search(self, query: str = "", sort: str = "-started", offset: int = 0, limit: int = 100) -> RunPage:
         """Some of the runs that a query matches, in an order; ConfigError for a query that cannot be read."""
         return self._table.search(query, sort, offset, limit)
@@ -81,8 +85,6 @@ class RunIndex:
         cache = RecordCache(cache_file(self._root))
         try:
             self._begin(cache)
-            self._complete.set()
-            self._events.publish(RUNS)
             while not self._stop.wait(self._pause_s):
                 self._poll(cache)
         except Exception:
@@ -105,7 +107,9 @@ class RunIndex:
             if not self._stop.is_set():
                 self._read(missing[at : at + BATCH], cache)
                 self._events.publish(RUNS)
+        self._complete.set()
         self._sweeps.poll(self._folders.sweeps, (), thorough=True)
+        self._events.publish(RUNS)
         self._plan(start_s)
 
     def _poll(self, cache: RecordCache) -> None:

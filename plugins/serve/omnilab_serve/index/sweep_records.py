@@ -5,6 +5,7 @@ from __future__ import annotations
 from omnilab.client import SweepRecord
 from omnilab.runner.sweeps.snapshot import Snapshot
 from omnilab.runner.sweeps.status_table import state
+from omnilab_serve.index.records import time_in_name
 
 
 def sweep_record(seen: Snapshot, path: str) -> SweepRecord:
@@ -15,10 +16,22 @@ def sweep_record(seen: Snapshot, path: str) -> SweepRecord:
         state(seen),
         experiment=plan.experiment if plan else "",
         command=plan.command if plan else [],
-        parameters=plan.parameters if plan else {name: [] for name in seen.parameters},
+        parameters=plan.parameters if plan else _parameters(seen),
         counts=seen.sweep.counts,
         goes_on=seen.goes_on,
         fraction=seen.fraction,
         left_s=seen.left_s,
-        started=plan.time if plan else min((job.started for job in seen.sweep.jobs if job.started), default=None),
+        started=plan.time if plan else _started(seen),
     )
+
+
+def _parameters(seen: Snapshot) -> dict[str, list[str]]:
+    """What differs between the jobs of a sweep of before, which has no plan."""
+    settings = [job.settings for job in seen.sweep.jobs]
+    return {name: list(dict.fromkeys(own[name] for own in settings if name in own)) for name in seen.parameters}
+
+
+def _started(seen: Snapshot) -> str | None:
+    """When a sweep of before began, by its folder's name or its jobs."""
+    times = [time for job in seen.sweep.jobs if (time := job.started or job.ended)]
+    return time_in_name(seen.sweep.folder.name) or min(times, default=None)

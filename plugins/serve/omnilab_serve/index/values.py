@@ -15,26 +15,27 @@ def values(record: RunRecord, name: str) -> Sequence[Any]:
     """All that a record has under a name, the nearest first; nothing where it has no such thing."""
     if name in FIELDS:
         value = getattr(record, name)
-        return () if value is None else (value,)
+        return () if value in (None, "") else (value,)
     if name in record.metrics:
         value = record.metrics[name]
         return () if value is None else (value,)
-    return (*_of(record.components, name), *_of(record.settings, name))
+    slots = [record.components[slot] for slot in _full(record.components, name)]
+    own = [name] if name in record.settings else _full(record.settings, name)
+    return [*slots, *(record.settings[setting] for setting in own)]
 
 
-def _of(content: Mapping[str, Any], name: str) -> Sequence[Any]:
-    if name in content:
-        return (content[name],)
-    return [content[full] for full in _by_last_word(tuple(content)).get(name, ())]
+def _full(content: Mapping[str, Any], name: str) -> Sequence[str]:
+    """The full names in a mapping that are, or end in, a name."""
+    return _by_last_word(tuple(content)).get(name, ())
 
 
 @lru_cache(maxsize=1000)
 def _by_last_word(names: tuple[str, ...]) -> dict[str, list[str]]:
-    """Full names by their last words: most records have the same."""
+    """Full names by themselves and by their last words: most records have the same."""
     found: dict[str, list[str]] = {}
     for name in names:
-        if "." in name:
-            found.setdefault(name.rpartition(".")[2], []).append(name)
+        for short in {name, name.rpartition(".")[2]}:
+            found.setdefault(short, []).append(name)
     return found
 
 
