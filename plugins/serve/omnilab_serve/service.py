@@ -16,6 +16,7 @@ from omnilab_serve.composing import Composer
 from omnilab_serve.events import Events
 from omnilab_serve.index.run_index import RunIndex
 from omnilab_serve.queue import RunQueue
+from omnilab_serve.security.links import outward_link, sentence
 from omnilab_serve.settings import ServeSettings
 from omnilab_serve.sweeps import WatchedSweeps
 
@@ -53,10 +54,13 @@ class Service:
         try:
             folder = (logs / path).resolve()
             is_there = folder.is_relative_to(logs) and folder != logs and folder.is_dir()
-        except (OSError, ValueError):  # a zero byte, a circle of links
+            link = outward_link(folder, logs) if is_there else None
+        except (OSError, ValueError, RuntimeError):  # no name, not ours to read, a circle of links
             is_there = False
         if not is_there:
             raise NotThereError(f"there is no folder {path} in the logs")
+        if link:
+            raise NotThereError(sentence(path, link))
         return folder
 
     def path(self, folder: Path) -> str:
@@ -75,7 +79,11 @@ class Service:
     def sweep(self, path: str) -> LoadedSweep:
         """The sweep of a path; NotThereError if there is none."""
         try:
-            return load_sweep(self.folder(path))
+            folder = self.folder(path)
+            for job in folder.iterdir():
+                if job.is_dir() and (link := outward_link(job, self.settings.logs.resolve())):
+                    raise NotThereError(sentence(self.path(job), link))
+            return load_sweep(folder)
         except NotThereError:
             raise
         except DataError as error:

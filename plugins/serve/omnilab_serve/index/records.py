@@ -18,6 +18,7 @@ from omnilab.runner.run_folder.progress import RunProgress
 from omnilab.runner.run_folder.reading import LoadedRun
 from omnilab.runner.sweeps.job_log import JOBS
 from omnilab.runner.sweeps.plan_file import PLAN
+from omnilab_serve.security.links import outward_link, sentence
 
 OF_SWEEP = {JOBS, PLAN, SUMMARY}  # a folder with one of these is a sweep's
 STAMP, STAMP_LENGTH = "%Y-%m-%d_%H-%M-%S", 19  # how the name of a run's folder begins
@@ -34,6 +35,7 @@ def record_at(path: str, root: Path, sections: SectionReader) -> RunRecord:
     run = LoadedRun(root / path)
     sweep = _sweep_of(path, root)
     try:
+        _check_links(path, root)
         state, manifest, status, progress = run.state, run.manifest, run.status, run.progress
         metrics = {name: value if math.isfinite(value) else None for name, value in run.metrics.items()}
         intervals = {name: pair for name, pair in run.intervals.items() if all(map(math.isfinite, pair))}
@@ -59,6 +61,16 @@ def record_at(path: str, root: Path, sections: SectionReader) -> RunRecord:
         sweep=sweep,
         progress=stage_progress(progress) if state == RUNNING else None,
     )
+
+
+def _check_links(path: str, root: Path) -> None:
+    """DataError for a run whose files lie elsewhere: who may read the logs may not read those."""
+    try:
+        link = outward_link(root / path, root)
+    except OSError:  # reading says why
+        return
+    if link:
+        raise DataError(sentence(path, link))
 
 
 def stage_progress(progress: RunProgress | None) -> StageProgress | None:
