@@ -10,11 +10,10 @@ import sys
 from pathlib import Path
 
 from omnilab.errors import ConfigError
-from omnilab_serve.settings import EVERY_ADDRESS, LOOPBACK, ServeSettings
+from omnilab_serve.settings import EVERY_ADDRESS, LOOPBACK, TOKEN_VARIABLE, ServeSettings
 
 PORT = 8700
 SHORTEST_TOKEN = 16
-TOKEN_VARIABLE = "OMNILAB_TOKEN"
 
 
 def serve(argv: list[str]) -> int:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
+TOKEN_VARIABLE = "OMNILAB_TOKEN"  # of the environment
 EVERY_ADDRESS = ("0.0.0.0", "::")
 
 

@@ -19,7 +19,8 @@ from pathlib import Path
 
 from omnilab.runner.run_folder import KILLED, process
 from omnilab.runner.run_folder.lock import RUN, Holder
-from omnilab_serve.queue.submission_file import Start
+from omnilab_serve.queue.submission_file import Attempt
+from omnilab_serve.settings import TOKEN_VARIABLE
 
 PROGRAM = (sys.executable, "-P", "-m", "omnilab")  # -P: as the command omnilab, which imports nothing from here
 MARK = "OMNILAB_SUBMISSION"
@@ -29,12 +30,13 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)  # the first, second a
 def start_child(words: Sequence[str], directory: str, output: Path, mark: str) -> subprocess.Popen[bytes]:
     """A process of its own session, which nobody else's signals reach; OSError if there can be none."""
     output.unlink(missing_ok=True)  # of a start that came to nothing
+    own = {name: value for name, value in os.environ.items() if name != TOKEN_VARIABLE}
     with output.open("xb") as out:
         with suppress(OSError):
             fcntl.flock(out, fcntl.LOCK_EX | fcntl.LOCK_NB)
         return subprocess.Popen(
             [*PROGRAM, *words], stdin=subprocess.DEVNULL, stdout=out, stderr=subprocess.STDOUT, cwd=directory,
-            start_new_session=True, env={**os.environ, MARK: mark, "PYTHONUNBUFFERED": "1"},
+            start_new_session=True, env=own | {MARK: mark, "PYTHONUNBUFFERED": "1"},
         )  # fmt: skip
 
 
@@ -47,7 +49,7 @@ def holder_of(pid: int) -> Holder:
     )  # fmt: skip
 
 
-def lives(start: Start, output: Path, mark: str) -> bool:
+def lives(start: Attempt, output: Path, mark: str) -> bool:
     """Whether the process of a start is there, or may be."""
     if start.process and is_visible(start.process):
         return process.lives(start.process.pid, start.process.process_start_ticks)

@@ -6,7 +6,7 @@ import re
 import shlex
 from pathlib import Path
 
-from omnilab.errors import ConfigError, DataError
+from omnilab.errors import DataError
 from omnilab.runner.overrides.command_line import quoted
 from omnilab.runner.registry import Registry
 from omnilab.runner.run_folder import RUNNING, new_folder_name
@@ -15,14 +15,6 @@ from omnilab.runner.sweeps.commands import checked_words
 from omnilab.runner.sweeps.job_log import JOBS
 from omnilab.runner.sweeps.plan_file import PLAN, SweepPlan, read_plan
 from omnilab_serve.queue.submission_file import SubmissionFile
-
-LAUNCHERS = ("basic", "joblib", "submitit_local", "submitit_slurm", "ray")  # as docs/clusters.md has them
-
-
-def check_launcher(launcher: str) -> None:
-    """ConfigError for one that is not offered."""
-    if launcher not in LAUNCHERS:
-        raise ConfigError(f"launcher={launcher} is not offered; give {', '.join(LAUNCHERS)}")
 
 
 def new_path(experiment: str) -> str:
@@ -38,11 +30,9 @@ def words_of(record: SubmissionFile, logs: Path) -> list[str]:
     words = [*record.words, *([] if logs == Path(record.directory) / "logs" else [f"logs={quoted(str(logs))}"])]
     if not record.sweep:
         return [*words, f"hydra.run.dir={quoted(str(folder))}"]
-    if record.launcher != "basic":
-        words.append(f"hydra/launcher={record.launcher}")
     if not (folder / JOBS).is_file():
-        return ["-m", *words, f"hydra.sweep.dir={quoted(str(folder))}"]
-    return ["-m", *words, f"resume={folder}", *(["retry_failed=on"] if record.retry_failed else [])]
+        return [*words, f"hydra.sweep.dir={quoted(str(folder))}"]
+    return [*words, f"resume={folder}", *(["retry_failed=on"] if record.retry_failed else [])]
 
 
 def check_idle(folder: Path, path: str) -> None:

@@ -35,7 +35,7 @@ def taken_up(
     """How a submission stands that waited, or ran, when the service before ended."""
     elsewhere = (record.logs, record.machine) != (str(logs), process.machine_id())
     if record.state == QUEUED:
-        return _ended(record, FolderState(CANCELLED, _of_elsewhere(record))) if elsewhere else record
+        return _here(record, elsewhere)
     if not elsewhere and lives(record):
         return record
     start, folder = record.starts[-1], logs / record.starts[-1].path
@@ -47,13 +47,20 @@ def taken_up(
     if record.signals:
         return _ended(record, ended_state(found, None, record.signals, tail(output(record))))
     if start.process is None and not folder.exists():
-        return replace(record, state=QUEUED, starts=record.starts[:-1])
+        return _here(replace(record, state=QUEUED, starts=record.starts[:-1]), elsewhere)
     if record.restarts >= MOST_RESTARTS:
         why = (
             f"each time the service started again ({record.restarts + 1} times), its process was gone; retry it by hand"
         )
         return _ended(record, FolderState(KILLED, why))
-    return replace(record, state=QUEUED, restarts=record.restarts + 1)
+    return _here(replace(record, state=QUEUED, restarts=record.restarts + 1), elsewhere)
+
+
+def _here(record: SubmissionFile, elsewhere: bool) -> SubmissionFile:
+    """One that is to be begun, if it would be here what it was when it was submitted."""
+    if elsewhere or record.directory != str(Path.cwd()):
+        return _ended(record, FolderState(CANCELLED, _of_elsewhere(record)))
+    return record
 
 
 def _ended(record: SubmissionFile, how: FolderState) -> SubmissionFile:
@@ -61,4 +68,7 @@ def _ended(record: SubmissionFile, how: FolderState) -> SubmissionFile:
 
 
 def _of_elsewhere(record: SubmissionFile) -> str:
-    return f"it was put into the queue on another machine, or of other logs ({record.logs}); retry it to run it here"
+    return (
+        f"it was submitted on another machine, for other logs ({record.logs}), or to a service that was started in another"
+        f" folder ({record.directory}), where words may mean other files; retry it to run it here"
+    )

@@ -24,7 +24,7 @@ from omnilab_serve.queue import children, commands
 from omnilab_serve.queue.folder_state import ended_state, progress_of, state_of
 from omnilab_serve.queue.interrupting import interrupt_holder
 from omnilab_serve.queue.recovery import taken_up
-from omnilab_serve.queue.submission_file import ACTIVE, CANCELLED, QUEUED, Start, SubmissionFile, now, read_submission
+from omnilab_serve.queue.submission_file import ACTIVE, CANCELLED, QUEUED, Attempt, SubmissionFile, now, read_submission
 from omnilab_serve.queue.workers import Workers
 from omnilab_serve.settings import ServeSettings
 
@@ -50,6 +50,7 @@ class RunQueue:
         self._settings, self._events, self._composer = settings, events, composer
         self._folder = settings.logs / FOLDER
         self._records: dict[str, SubmissionFile] = {}
+        self._checked: set[str] = set()  # those whose words this process has checked
         self._told_s: dict[str, float] = {}  # when one was told to end last
         self._mutex, self._stopping = threading.RLock(), threading.Event()
         self._lock: RunLock | None = None
@@ -128,7 +129,6 @@ class RunQueue:
 
     def submit(self, request: SubmissionRequest) -> Submission:
         """Put a run or a sweep into the queue; ConfigError for one that cannot be run, or if the queue is full."""
-        commands.check_launcher(request.launcher)
         _check_priority(request.priority)
         self._check_room()
         composed = check_request(request, self._composer)
@@ -136,7 +136,7 @@ class RunQueue:
             SubmissionFile(
                 secrets.token_hex(6), list(request.overrides), list(composed.command), **self._here(),
                 experiment=composed.experiment, jobs=composed.jobs, priority=request.priority,
-                launcher=request.launcher, sweep=composed.jobs > 1,
+                launcher=request.launcher, sweep=composed.is_sweep,
             )
         )  # fmt: skip
 
@@ -205,8 +205,7 @@ class RunQueue:
 
     def _again(self, record: SubmissionFile, retry_failed: bool) -> Submission:
         self._check_room()
-        request = SubmissionRequest(record.overrides, record.priority, record.launcher)
-        words = [] if record.resumes else list(check_request(request, self._composer).command)
+        words = [] if record.resumes else list(check_request(_request(record), self._composer).command)
         return self._queued(
             replace(
                 record, words=words, **self._here(), retry_failed=retry_failed, state=QUEUED, queued_s=time.time(),
@@ -220,6 +219,7 @@ class RunQueue:
             if (before := self._records.get(record.id)) and before.state in ACTIVE:
                 raise DataError(f"submission {record.id} is {before.state} already")
             self._put(record)
+            self._checked.add(record.id)
             self._add(record)
         return self._public(record)
 
@@ -284,31 +284,52 @@ class RunQueue:
 
     def _take(self, identity: str, priority: int) -> None:
         """Begin a submission, or go on watching one that was begun by the service before."""
-        with self._mutex:
-            record = self._records[identity]
-            watched = record.state == RUNNING and priority == WATCHED_FIRST
-            waits = (
-                record.state == QUEUED and priority == record.priority
-            )  # else it was cancelled, or given another place
-            if self._stopping.is_set() or not (watched or waits):
-                return
+        record, child = self._records[identity], None
+        if record.state == RUNNING and priority == WATCHED_FIRST:
+            if record.signals and (holder := record.starts[-1].process):
+                children.tell_to_end(holder, record.signals)  # the service may have been killed before it did
+        else:
             try:
-                child = None if watched else self._begin(record)
-            except DataError as error:
+                self._check_again(identity)
+                child = self._begin(identity, priority)
+            except DataError as error:  # a full disk, a machine that is too busy to check it
                 log.warning("%s", error)
-                waits = False
-        if not (watched or waits):
-            self._stopping.wait(AGAIN_S)
-            self._add(record)
-            return
-        if watched and record.signals and (holder := record.starts[-1].process):
-            children.tell_to_end(holder, record.signals)  # the service may have been killed before it did
+                self._stopping.wait(AGAIN_S)
+                self._add(self._records[identity])
+            if child is None:
+                return
         self._watch(identity, child)
 
-    def _begin(self, record: SubmissionFile) -> subprocess.Popen[bytes] | None:
-        """Start the process of a submission; None if there can be none, which its file then says."""
+    def _check_again(self, identity: str) -> None:
+        """Check the words of a submission that was not made to this process: its file may be anybody's."""
+        record = self._records[identity]
+        if record.state != QUEUED or record.resumes or identity in self._checked:
+            return
+        try:
+            composed = check_request(_request(record), self._composer)
+            known: dict[str, Any] = {
+                "words": list(composed.command),
+                "experiment": composed.experiment,
+                "sweep": composed.is_sweep,
+            }
+        except ConfigError as error:
+            known = {"state": FAILED, "ended": now(), "error": str(error)}
+        with self._mutex:
+            if self._records[identity].state == QUEUED and not self._stopping.is_set():
+                self._put(replace(self._records[identity], **known))
+                self._checked.add(identity)
+
+    def _begin(self, identity: str, priority: int) -> subprocess.Popen[bytes] | None:
+        """Start the process of a submission; None if it is not to be begun (now), or cannot, as its file then says."""
+        with self._mutex:
+            record = self._records[identity]
+            if record.state == QUEUED and record.priority == priority and not self._stopping.is_set():
+                return self._started(record)
+        return None
+
+    def _started(self, record: SubmissionFile) -> subprocess.Popen[bytes] | None:
         path = record.path if record.sweep and record.path else commands.new_path(record.experiment)
-        start = Start(path, now())
+        start = Attempt(path, now())
         record = self._put(replace(record, state=RUNNING, starts=[*record.starts, start], ended=None, error=None))
         words = commands.words_of(record, self._settings.logs)
         try:
@@ -361,6 +382,10 @@ class RunQueue:
                 record = self._records[identity]
                 how = ended_state(found, code, record.signals, children.tail(self._output(record)))
                 self._note(replace(record, state=how.state, error=how.error, ended=now()))
+
+
+def _request(record: SubmissionFile) -> SubmissionRequest:
+    return SubmissionRequest(record.overrides, record.priority, record.launcher)
 
 
 def _check_priority(priority: int) -> None:

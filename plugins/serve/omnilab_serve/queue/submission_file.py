@@ -34,7 +34,7 @@ def now() -> str:
 
 
 @dataclass(frozen=True)
-class Start:
+class Attempt:
     """Once that a submission was begun."""
 
     path: str  # of the folder of its run or sweep, below the logs
@@ -47,9 +47,14 @@ class Start:
         path, time_, process = content["path"], content["time"], content["process"]
         if datetime.fromisoformat(time_).tzinfo is None:
             raise ValueError("a start has a time of no zone")
-        if PurePosixPath(path).is_absolute() or ".." in PurePosixPath(path).parts:
-            raise ValueError("a start has no folder within the logs")
+        _check_within(path)
         return cls(path, time_, Holder.of(process) if isinstance(process, dict) else None)
+
+
+def _check_within(path: str) -> None:
+    """ValueError for a path that leads out of the logs."""
+    if PurePosixPath(path).is_absolute() or ".." in PurePosixPath(path).parts:
+        raise ValueError("it has a folder outside of the logs")
 
 
 @dataclass(frozen=True)
@@ -72,7 +77,7 @@ class SubmissionFile:
     state: str = QUEUED
     submitted: str = field(default_factory=now)
     queued_s: float = field(default_factory=time.time)  # its place among those of its priority
-    starts: list[Start] = field(default_factory=list)
+    starts: list[Attempt] = field(default_factory=list)
     restarts: int = 0  # how often it was begun again because its process had gone, since it was last requested
     signals: int = 0  # how often it was told to end, since it was last requested
     ended: str | None = None
@@ -110,8 +115,7 @@ class SubmissionFile:
         if self.resumes:
             more = ["--retry-failed"] if self.retry_failed else []
             return shlex.join(["omnilab", "sweep", "resume", f"{self.logs}/{self.resumes}", *more])
-        launcher = [f"hydra/launcher={self.launcher}"] if self.sweep and self.launcher != "basic" else []
-        return shlex.join(["omnilab", *(["-m"] if self.sweep else []), *self.words, *launcher])
+        return shlex.join(["omnilab", *self.words])
 
 
 TYPES: Mapping[str, tuple[type, ...]] = {
@@ -133,7 +137,8 @@ def read_submission(file: Path) -> SubmissionFile:
             raise ValueError(f"its {wrong[0] if wrong else 'words or its time'} cannot be")
         if found["id"] != file.stem or not IDENTITY.fullmatch(file.stem):
             raise ValueError("its id is not its name")
-        found["starts"] = [Start.of(start) for start in found["starts"]]
+        _check_within(found["resumes"] or "")
+        found["starts"] = [Attempt.of(start) for start in found["starts"]]
         if found["state"] == RUNNING and not found["starts"]:
             raise ValueError("it says running, and was never begun")
         return SubmissionFile(**found)
