@@ -1,4 +1,4 @@
-"""A run: how it stands, its recording, figures, metrics, configuration, log; its files; and stopping it."""
+"""A run: how it stands, its recording, figures, metrics, configuration, log, files."""
 
 from __future__ import annotations
 
@@ -36,14 +36,6 @@ def all_settings(request: Request, path: str, service: Here) -> HTMLResponse:
     except DataError as error:
         text = str(error)
     return page(request, "part_text.html", text=text)
-
-
-@router.post("/runs-stop/{path:path}")
-def stop(path: str, service: Here) -> Response:
-    """Ctrl-C for a run, which writes what it has and ends."""
-    service.run(path)
-    service.queue.interrupt(path)
-    return Response(status_code=204)
 
 
 @router.get("/files/{path:path}")

@@ -28,6 +28,7 @@ from omnilab_serve.run_details.queries import worst_queries
 
 WORST = "worst.png"
 LAST_LINES = 12  # of the log, above all else of a run that failed
+DIGITS = 16  # of an identity that are shown
 T = TypeVar("T")
 
 
@@ -91,13 +92,12 @@ class RunDetails:
         return passages(self.log.lines)
 
     @property
-    def last_words(self) -> Sequence[LogPassage]:
-        """The end of the log, its last traceback whole."""
-        lines = list(self.log.lines)
-        found = passages(lines)
-        if any(passage.is_traceback for passage in found[-3:]):
-            return found[-3:]
-        return passages(lines[-LAST_LINES:])
+    def last_words(self) -> str:
+        """The end of the log of a run that failed, with its last traceback whole."""
+        found = self.log_passages
+        if any(passage.is_traceback for passage in found[-2:]):
+            return "\n".join(passage.text for passage in found[-2:])
+        return "\n".join(self.log.lines[-LAST_LINES:])
 
     @cached_property
     def warnings(self) -> Sequence[str]:
@@ -122,7 +122,8 @@ class RunDetails:
         cores = f", {host['cores']} cores" if host.get("cores") else ""
         found = {
             "Host": system + cores, "Python": self.manifest.get("python"), "Commit": self.manifest.get("commit"),
-            "Seed": self.manifest.get("seed"), "Identity": self.manifest.get("identity"), "Run": self.manifest.get("id"),
+            "Seed": self.manifest.get("seed"), "Identity": str(self.manifest.get("identity", ""))[:DIGITS],
+            "Run": self.manifest.get("id"),
         }  # fmt: skip
         return {name: str(value) for name, value in found.items() if value not in (None, "")}
 
