@@ -91,7 +91,6 @@ def listen(settings: ServeSettings, opened: socket.socket, in_browser: bool = Fa
             webbrowser.open(address(settings))
 
     app = create_app(settings)
-    app.state.service.queue.claim()
     try:
         PageServer(app, opened, ready).run()
     except KeyboardInterrupt:

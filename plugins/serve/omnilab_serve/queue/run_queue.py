@@ -57,23 +57,12 @@ class RunQueue:
         self._workers: Workers | None = None
 
     # ------------------------------------------------------------------------------------------- the service's life
-    def claim(self) -> None:
-        """Take the logs for this service; DataError if another one has them."""
-        if self._lock is not None:
-            return
-        self._folder.mkdir(parents=True, exist_ok=True)
-        try:
-            self._lock = RunLock.take(self._folder, purpose="serve")
-        except DataError as error:
-            found = lock_state(self._folder)
-            who = found.words if found else str(error)
-            raise DataError(
-                f"another omnilab serve works on {self._settings.logs} {who}; use its page, or give another --logs"
-            ) from error
-
     def start(self) -> None:
-        """Take up what is there: what still runs is watched, what waits is begun in its turn."""
-        self.claim()
+        """Take up what is there: what still runs is watched, what waits is begun in its turn.
+
+        DataError if another service works on these logs.
+        """
+        self._lock = self._claimed()
         self._stopping.clear()
         self._workers = Workers(self._folder / "huey.sqlite", self._settings.workers, self._take)
         for part in self._folder.iterdir():
@@ -103,6 +92,17 @@ class RunQueue:
             if self._lock is not None:
                 self._lock.release()
                 self._lock = None
+
+    def _claimed(self) -> RunLock:
+        self._folder.mkdir(parents=True, exist_ok=True)
+        try:
+            return RunLock.take(self._folder, purpose="serve")
+        except DataError as error:
+            found = lock_state(self._folder)
+            who = found.words if found else str(error)
+            raise DataError(
+                f"another omnilab serve works on {self._settings.logs} {who}; use its page, or give another --logs"
+            ) from error
 
     # ------------------------------------------------------------------------------------------- what others ask for
     def submissions(self) -> Sequence[Submission]:

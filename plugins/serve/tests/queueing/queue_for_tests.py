@@ -28,11 +28,16 @@ def composed(request: SubmissionRequest, _: Composer) -> Composed:
     return Composed(request.overrides[0].partition("=")[2], 2 if sweep else 1, words)
 
 
+def patched() -> None:
+    """From now on submissions run the program of the tests."""
+    children.PROGRAM = (sys.executable, str(HERE / "fake_omnilab.py"))  # type: ignore[assignment]
+    run_queue.check_request = composed  # type: ignore[attr-defined]
+
+
 def queue_of(logs: Path, workers: int = 1) -> RunQueue:
     """One that is not started."""
     logs.mkdir(parents=True, exist_ok=True)
-    children.PROGRAM = (sys.executable, str(HERE / "fake_omnilab.py"))  # type: ignore[assignment]
-    run_queue.check_request = composed  # type: ignore[attr-defined]
+    patched()
     settings = ServeSettings(logs, workers=workers)
     return RunQueue(settings, Events(), Composer(settings))
 
