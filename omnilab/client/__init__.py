@@ -2,9 +2,12 @@
 
 from omnilab.client.client import Client
 from omnilab.client.models import (
+    CheckedRequest,
     ComponentRecord,
     JobRecord,
     LogTail,
+    PluginFailure,
+    RecipeRecord,
     RunFile,
     RunPage,
     RunRecord,
@@ -16,10 +19,13 @@ from omnilab.client.models import (
 )
 
 __all__ = [
+    "CheckedRequest",
     "Client",
     "ComponentRecord",
     "JobRecord",
     "LogTail",
+    "PluginFailure",
+    "RecipeRecord",
     "RunFile",
     "RunPage",
     "RunRecord",

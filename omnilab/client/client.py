@@ -9,7 +9,9 @@ from typing import Any, TypeVar
 
 from omnilab.client.connection import Connection
 from omnilab.client.models import (
+    CheckedRequest,
     ComponentRecord,
+    RecipeRecord,
     RunPage,
     RunRecord,
     Session,
@@ -65,7 +67,15 @@ class Client:
         """What is installed there."""
         return read_each(ComponentRecord, self._connection.request("GET", "/api/components"))
 
+    def recipes(self) -> Sequence[RecipeRecord]:
+        """The experiments that are shipped there."""
+        return read_each(RecipeRecord, self._connection.request("GET", "/api/recipes"))
+
     # ------------------------------------------------------------------------------------------------- what is to run
+    def check(self, request: SubmissionRequest) -> CheckedRequest:
+        """What a request comes to; an error in the builder's own sentence for one that cannot be run."""
+        return self._change(CheckedRequest, "/api/check", asdict(request))
+
     def submit(self, request: SubmissionRequest) -> Submission:
         """Put a run, or a sweep, into the queue."""
         return self._change(Submission, "/api/submissions", asdict(request))

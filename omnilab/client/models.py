@@ -147,3 +147,31 @@ class ComponentRecord:
     distribution: str
     version: str
     settings: Sequence[Mapping[str, Any]] = ()  # as `omnilab plugins --json` has them
+
+
+@dataclass(frozen=True)
+class PluginFailure:
+    """A plugin that could not be loaded."""
+
+    plugin: str  # with its distribution and version
+    sentence: str
+    traceback: str
+
+
+@dataclass(frozen=True)
+class RecipeRecord:
+    """An experiment that is shipped."""
+
+    name: str
+    summary: str  # the first line of its comment
+    notes: str = ""  # the further ones
+
+
+@dataclass(frozen=True)
+class CheckedRequest:
+    """What is asked to be run, as the builder accepts it."""
+
+    experiment: str
+    jobs: int  # 1: a run; more: a sweep
+    command: Sequence[str]  # the words of `omnilab`, without where it writes
+    swept: Mapping[str, Sequence[str]] = field(default_factory=dict)  # the values of what a sweep varies

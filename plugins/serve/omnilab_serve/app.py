@@ -14,6 +14,7 @@ from starlette.staticfiles import StaticFiles
 from omnilab import __version__
 from omnilab.errors import OmnilabError
 from omnilab_serve import api, pages
+from omnilab_serve.composing import SettingError
 from omnilab_serve.rendering import STATIC, page
 from omnilab_serve.security import protect
 from omnilab_serve.service import NotThereError, Service
@@ -44,7 +45,8 @@ def refused(request: Request, error: Exception) -> Response:
     """A user's mistake: its sentence, as a page or as JSON."""
     status, sentence = described(error)
     if request.url.path.startswith("/api/"):
-        return JSONResponse({"detail": sentence}, status)
+        setting = {"field": error.setting} if isinstance(error, SettingError) else {}
+        return JSONResponse({"detail": sentence, **setting}, status)
     name = "part_error.html" if "hx-request" in request.headers else "error.html"
     return page(request, name, status, sentence=sentence)
 

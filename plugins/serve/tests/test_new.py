@@ -162,7 +162,13 @@ def test_start_puts_it_into_the_queue(serve, tab, monkeypatch):
 
 
 def test_no_recipe_of_another_name_is_opened(serve):
-    assert serve().client.get("/new?experiment=../config").status_code == 404
+    client = serve().client
+    assert client.get("/new?experiment=../config").status_code == 404
+    for where in ("/parts/new/check", "/new", "/parts/new/slot"):
+        answer = client.post(where, data={"experiment": "../config", "slot": "sensor"})
+        assert "experiment &#39;../config&#39; does not exist" in answer.text
+    answer = client.post("/parts/new/check", data={"experiment": "quickstart", "choose:descriptor": "../x"})
+    assert "descriptor=../x is no name" in answer.text
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ from typing import Any
 
 from omnilab.api import KINDS
 from omnilab.client import ComponentRecord
+from omnilab.errors import ConfigError, did_you_mean
 from omnilab.runner.config import Settings
 from omnilab.runner.manual import settings_data
 from omnilab.runner.overrides.compose_errors import recipes
@@ -30,6 +31,15 @@ def catalog(registry: Registry) -> dict[str, Any]:
         ],
         "launchers": launchers(),
     }
+
+
+def check_recipe(name: str) -> None:
+    """ConfigError if no experiment of that name is shipped."""
+    if name not in recipes():
+        raise ConfigError(
+            f"experiment '{name}' does not exist; there is {', '.join(recipes())}"
+            f"{did_you_mean(name, recipes(), 'experiment=')}"
+        )
 
 
 def described(recipe: str) -> dict[str, str]:

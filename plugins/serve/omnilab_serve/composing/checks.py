@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 
-from omnilab.client import SubmissionRequest
+from omnilab.client import CheckedRequest, SubmissionRequest
 from omnilab_serve.composing.composer import Composer
 
 
-@dataclass(frozen=True)
-class Composed:
+class Composed(CheckedRequest):
     """An experiment that the builder accepts."""
-
-    experiment: str
-    jobs: int  # 1: a run; more: a sweep
-    command: list[str]  # the words of `omnilab`, without where it writes
-    swept: Mapping[str, Sequence[str]] = field(default_factory=dict)  # the values of what a sweep varies
 
     @property
     def is_sweep(self) -> bool:

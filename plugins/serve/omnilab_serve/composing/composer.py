@@ -17,6 +17,7 @@ from omnilab_serve.settings import ServeSettings
 
 COMMAND = (sys.executable, "-m", "omnilab_serve.composing.worker")
 LIMIT_S = 60.0  # for an answer; importing all plugins on a busy machine takes some seconds of it
+MOST_KNOWN = 200  # answers
 IDLE_S = 300.0  # after which nobody is expected to ask again soon
 
 
@@ -89,9 +90,12 @@ class Composer:
 
     def _constant(self, call: str, **arguments: Any) -> Any:
         key = json.dumps([call, arguments])
-        if key not in self._known:
-            self._known[key] = self.ask(call, arguments)
-        return self._known[key]
+        if (found := self._known.get(key)) is None:
+            found = self.ask(call, arguments)
+            if len(self._known) >= MOST_KNOWN:
+                self._known.clear()
+            self._known[key] = found
+        return found
 
     def _answer(self, line: bytes) -> dict[str, Any]:
         process = self._started()

@@ -16,7 +16,7 @@ from omnilab.runner.config import Settings, components_of
 from omnilab.runner.overrides.command_line import quoted
 from omnilab.runner.overrides.composition import compose
 from omnilab.runner.registry import MANY, Component, Registry
-from omnilab_serve.composing.catalog import described, settings
+from omnilab_serve.composing.catalog import check_recipe, described, settings
 
 HIDDEN = {"logs", "objective"}  # settings of the run that the form leaves to its free overrides, or to the service
 UNSET = "???"
@@ -24,6 +24,7 @@ UNSET = "???"
 
 def form(registry: Registry, experiment: str, choices: Sequence[str] = ()) -> dict[str, Any]:
     """The slots of an experiment with other components in some of them; `wrong` is the sentence if these do not fit."""
+    check_recipe(experiment)
     recipe = compose([f"experiment={experiment}"], registry).config
     try:
         config, wrong = compose([f"experiment={experiment}", *choices], registry).config, None

@@ -12,12 +12,12 @@ from typing import Any
 from hydra.core.override_parser.types import ChoiceSweep, Glob, IntervalSweep, Override, QuotedString, RangeSweep
 from omegaconf import DictConfig
 
-from omnilab.errors import ConfigError, did_you_mean
+from omnilab.errors import ConfigError
 from omnilab.runner.input_files import inputs_of
 from omnilab.runner.overrides.command_line import for_hydra, parse_override
-from omnilab.runner.overrides.compose_errors import recipes
 from omnilab.runner.overrides.doubts import OF_HYDRA, PLAIN, doubt, is_choice, written_settings
 from omnilab.runner.registry import Registry
+from omnilab_serve.composing.catalog import check_recipe
 
 MOST_WORDS, LONGEST_WORD, MOST_VALUES, MOST_BRACKETS = 200, 8192, 10_000, 100
 RESERVED = {  # words of the command line that are no settings, and what does their work here
@@ -52,11 +52,7 @@ def check_words(words: Sequence[str], registry: Registry, bounds: Bounds) -> str
     if len(experiments) != 1:
         raise ConfigError(f"{len(experiments) or 'no'} experiments are named; give one experiment=NAME")
     name = experiments[0].removeprefix("experiment=")
-    if name not in recipes():
-        raise ConfigError(
-            f"experiment '{name}' does not exist; there is {', '.join(recipes())}"
-            f"{did_you_mean(name, recipes(), 'experiment=')}"
-        )
+    check_recipe(name)
     written = written_settings(registry)
     for word in for_hydra(["-m", *words], registry)[1:]:
         if (override := parse_override(word)) is not None:

@@ -1,0 +1,72 @@
+"""What is installed, as pages and as data."""
+
+import pytest
+
+from omnilab.client import Client, SubmissionRequest
+from omnilab.errors import OmnilabError
+
+BROKEN = "raise ImportError('no module named <script>alert(1)</script>')\n"
+
+
+def test_components_are_found_by_their_words(serve, tab):
+    tab.goto(serve().url + "/components")
+    shown = tab.locator(".pick:visible")
+    assert shown.count() > 90
+    tab.locator("[data-filter]").fill("radon_hog")
+    assert [text.splitlines()[0] for text in shown.all_inner_texts()] == ["radon_hog"]
+    assert tab.locator("section:visible h2").all_inner_texts() == ["Descriptor"]
+    tab.locator("[data-filter]").press("Enter")
+    tab.wait_for_url("**/components/descriptor/radon_hog")
+    row = tab.locator("tr", has=tab.get_by_text("angles", exact=True))
+    assert row.locator("td").all_inner_texts()[1:3] == ["int", "180"]
+    assert "a whole number from 4 to 4096" in row.inner_text()
+
+
+def test_what_uses_a_component_fills_the_form(serve, tab):
+    tab.goto(serve().url + "/components/descriptor/hog")
+    tab.screenshot(path="/tmp/component.png")
+    assert tab.locator(".copyable code").inner_text() == "descriptor=hog"
+    tab.get_by_text("Try it in the quickstart").click()
+    tab.wait_for_selector("#command")
+    assert tab.locator("#command").inner_text() == "omnilab experiment=quickstart descriptor=hog"
+
+
+def test_plugins_that_failed_come_first_and_are_no_markup(serve, tab, tmp_path, monkeypatch):
+    (tmp_path / "broken.py").write_text(BROKEN)
+    monkeypatch.setenv("OMNILAB_PLUGINS", str(tmp_path / "broken.py"))
+    served = serve()
+    tab.goto(served.url + "/components")
+    notice = tab.locator(".notice.failed")
+    assert "no module named <script>alert(1)</script>" in notice.inner_text()
+    tab.screenshot(path="/tmp/components.png")
+    notice.locator("summary").click()
+    assert "Traceback" in notice.locator("pre").inner_text()
+    (failure,) = served.client.get("/api/failed-plugins").json()
+    assert "broken" in failure["plugin"]
+    assert "ImportError" in failure["traceback"]
+
+
+def test_the_client_knows_recipes_components_and_what_the_builder_says(serve):
+    client = Client(serve().url)
+    assert "quickstart" in [recipe.name for recipe in client.recipes()]
+    radon = next(each for each in client.components() if (each.kind, each.name) == ("descriptor", "radon"))
+    assert [setting["name"] for setting in radon.settings] == ["offsets", "angles", "color"]
+    checked = client.check(SubmissionRequest(["experiment=quickstart", "seed=1,2,3"]))
+    assert (checked.experiment, checked.jobs, checked.command) == (
+        "quickstart", 3, ["-m", "experiment=quickstart", "seed=1,2,3"],
+    )  # fmt: skip
+    with pytest.raises(OmnilabError, match="is out of range; give a number above 0, or null"):
+        client.check(SubmissionRequest(["experiment=quickstart", "study.step_m=0"]))
+
+
+def test_the_api_names_the_field_that_a_sentence_is_about(serve):
+    api = serve().client
+    answer = api.post("/api/check", json={"overrides": ["experiment=quickstart", "descriptor=hogg"]})
+    assert answer.status_code == 422
+    assert answer.json()["field"] == "descriptor"
+    assert answer.json()["detail"].startswith("descriptor 'hogg' does not exist")
+    assert api.get("/api/components/descriptor/hog").json()["summary"]
+    assert api.get("/api/components/descriptor/none").status_code == 404
+    slots = {slot["path"]: slot["name"] for slot in api.get("/api/recipes/room").json()["slots"]}
+    assert slots["descriptors.radon_gist"] == "radon_gist"
+    assert "seed" in [setting["name"] for setting in api.get("/api/run-settings").json()]
