@@ -184,7 +184,7 @@ def test_the_form_of_every_recipe_renders(serve):
 CHANGES = {
     "quickstart": {"set:study.step_m": "0.5", "choose:descriptor": "gist", "set:sensor.color": "true"},
     "room": {"choose:descriptor@descriptors.radon_gist": "hog", "set:localizers.spring.neighbours": "12", "keep:sinks.mcap": "off"},
-    "altitude": {"set:altimeters.sift.detector": "surf", "set:study.levels": "{occlusion:{fraction:[0.2]}}", "more": "~altimeters.surf"},
+    "altitude": {"set:altimeters.sift.detector": "surf", "set:altimeters.sift.ratio": "0.7", "more": "~altimeters.surf"},
     "view_slam": {"choose:descriptor": "radon", "set:sensor.world": "my room, with a comma.yaml", "set:odometry.turn_noise": "1e-3"},
     "changes": {"set:study.extent_m": "[2,3]", "set:sensor.variant": "été", "set:map": "null"},
 }  # fmt: skip
