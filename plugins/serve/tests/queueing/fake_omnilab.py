@@ -15,7 +15,8 @@ import time
 from pathlib import Path
 
 given = dict(word.split("=", 1) for word in sys.argv[1:] if "=" in word)
-folder = Path(given.get("hydra.run.dir", sys.argv[3] if sys.argv[1] == "sweep" else "").strip("'"))
+named = [given[name] for name in ("hydra.run.dir", "hydra.sweep.dir", "resume") if name in given]
+folder = Path((named or [sys.argv[3]])[0].strip("'"))  # of `sweep resume FOLDER`, too
 with Path(os.environ["STARTS"]).open("a") as starts:
     fcntl.flock(starts, fcntl.LOCK_EX)
     starts.write(f"{os.environ['OMNILAB_SUBMISSION']} {' '.join(sys.argv[1:])}\n")
