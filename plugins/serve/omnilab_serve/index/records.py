@@ -13,7 +13,7 @@ from typing import Any
 from omnilab.client import RunRecord, StageProgress
 from omnilab.errors import DataError
 from omnilab.runner.compare.configurations import SectionReader
-from omnilab.runner.run_folder.names import CONFIG, DONE, FAILED, INTERRUPTED, RUNNING, SUMMARY, UNREADABLE
+from omnilab.runner.run_folder.names import CONFIG, DONE, FAILED, INTERRUPTED, KILLED, RUNNING, SUMMARY, UNREADABLE
 from omnilab.runner.run_folder.progress import RunProgress
 from omnilab.runner.run_folder.reading import LoadedRun
 from omnilab.runner.sweeps.job_log import JOBS
@@ -118,7 +118,9 @@ def _sweep_of(path: str, root: Path) -> str | None:
 
 
 def _seconds(state: str, started: str | None, status: Mapping[str, Any], progress: RunProgress | None) -> float | None:
-    """How long a run took, or has taken by what it wrote last."""
+    """How long a run took, or has taken by what it wrote last; of one that was killed nobody wrote it down."""
+    if state == KILLED:
+        return None
     known = [progress.run_s] if progress else []
     if state in (DONE, FAILED, INTERRUPTED) and started and (ended := _instant(status.get("time"))):
         known.append((datetime.fromisoformat(ended) - datetime.fromisoformat(started)).total_seconds())
