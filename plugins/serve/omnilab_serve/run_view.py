@@ -11,10 +11,10 @@ from urllib.parse import urlencode
 from fastapi import Depends, Query
 
 from omnilab.client import RunRecord
+from omnilab_serve.index.run_table import NEWEST_FIRST
 from omnilab_serve.index.values import values
 from omnilab_serve.words import figure
 
-NEWEST = "-started"
 STANDARD = {  # columns beside those of metrics and settings
     "overrides": "Overrides",
     "main": "Main metrics",
@@ -34,7 +34,7 @@ class RunView:
     """A way of showing runs."""
 
     q: str = ""
-    sort: str = NEWEST
+    sort: str = NEWEST_FIRST
     columns: Sequence[str] = DEFAULT
 
     def parameters(self, **changes: Any) -> str:
@@ -42,7 +42,7 @@ class RunView:
         fields = {name: value for name, value in changes.items() if name in ("q", "sort", "columns")}
         view = replace(self, **fields)
         pairs = [("q", view.q)] if view.q else []
-        pairs += [("sort", view.sort)] if view.sort != NEWEST else []
+        pairs += [("sort", view.sort)] if view.sort != NEWEST_FIRST else []
         pairs += [("column", name) for name in view.columns] if tuple(view.columns) != DEFAULT else []
         return urlencode([*pairs, *((name, value) for name, value in changes.items() if name not in fields)])
 
@@ -64,10 +64,10 @@ class RunView:
 
 
 def _view(
-    q: str = "", sort: str = NEWEST, column: Annotated[Sequence[str], Query()] = ()
+    q: str = "", sort: str = NEWEST_FIRST, column: Annotated[Sequence[str], Query()] = ()
 ) -> RunView:  # the order of an address without one is the newest first
     named = [name[:LONGEST_NAME] for name in dict.fromkeys(column) if name][:MOST_COLUMNS]
-    return RunView(q, sort[:LONGEST_NAME] or NEWEST, named or DEFAULT)
+    return RunView(q, sort[:LONGEST_NAME] or NEWEST_FIRST, named or DEFAULT)
 
 
 Shown = Annotated[RunView, Depends(_view)]

@@ -14,7 +14,7 @@ from omnilab_serve.events import RUNS, Events
 from omnilab_serve.index.folders import RunFolders, Stamp, stamp
 from omnilab_serve.index.live import ALIVE, LiveRuns, SweepWatch
 from omnilab_serve.index.record_cache import RecordCache, cache_file
-from omnilab_serve.index.run_table import RunNames, RunTable
+from omnilab_serve.index.run_table import NEWEST_FIRST, RunNames, RunTable
 
 EVERY_S = 0.5  # how often what goes on is looked at
 PROCESSOR_SHARE, DISK_SHARE, LONGEST_S = 200, 10, 10.0  # so many times its own time passes after a look, of either kind
@@ -71,7 +71,7 @@ class RunIndex:
         """The metrics, component slots and settings that runs have."""
         return self._table.names()
 
-    def search(self, query: str = "", sort: str = "-started", offset: int = 0, limit: int = 100) -> RunPage:
+    def search(self, query: str = "", sort: str = NEWEST_FIRST, offset: int = 0, limit: int = 100) -> RunPage:
         """Some of the runs that a query matches, in an order; ConfigError for a query that cannot be read."""
         return self._table.search(query, sort, offset, limit)
 
