@@ -45,7 +45,7 @@ def save_several(runs: Runs, folders: Sequence[Path], target: Path) -> None:
         raise ConfigError(f"{target} would be a recording by another name; give {target.with_suffix('.rrd')}")
     with _merged(runs, folders) as parts:
         try:
-            write_whole(target, lambda out: join(parts, out))
+            write_whole(target, lambda out: join(reversed(parts), out))  # the layout first: a page shows what has come
         except OSError as error:
             raise DataError(f"{target} cannot be written ({error.strerror}); give another path") from error
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,7 @@ def templates() -> Environment:
         "own_overrides": own_overrides,
         "setting_text": setting_text,
         "value_of": value_of,
+        "shell": shlex.join,
         "path": lambda text: quote(str(text), safe="/"),
     }
     return environment

@@ -1,5 +1,5 @@
 """The REST API, a router a subject: as the pages, in JSON."""
 
-from omnilab_serve.api import compare, components, files, queue, runs, session, sweeps
+from omnilab_serve.api import compare, components, files, queue, reports, runs, session, sweeps
 
-ROUTERS = [module.router for module in (runs, files, sweeps, compare, queue, components, session)]
+ROUTERS = [module.router for module in (runs, files, sweeps, compare, reports, queue, components, session)]

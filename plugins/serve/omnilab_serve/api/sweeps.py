@@ -8,6 +8,7 @@ from fastapi import APIRouter
 
 from omnilab.client import SweepRecord
 from omnilab_serve.service import Here
+from omnilab_serve.sweeps.watched import sweep_with_jobs
 
 router = APIRouter(prefix="/api/sweeps", tags=["sweeps"])
 
@@ -16,3 +17,9 @@ router = APIRouter(prefix="/api/sweeps", tags=["sweeps"])
 def sweeps(service: Here) -> Sequence[SweepRecord]:
     """All sweeps, the newest first, without their jobs."""
     return service.index.sweeps()
+
+
+@router.get("/{path:path}")
+def sweep(path: str, service: Here) -> SweepRecord:
+    """A sweep as it stands, with its jobs."""
+    return sweep_with_jobs(service.watched.snapshot(service.sweep(path).folder), service.path)

@@ -56,13 +56,13 @@ class Comparisons:
         return document
 
 
-def comparison_key(folders: Sequence[Path]) -> str:
-    """Another one whenever the folders are others, or the numbers in one of them have changed."""
+def comparison_key(folders: Sequence[Path], signs: Sequence[str] = SIGNS) -> str:
+    """Another one whenever the folders are others, or the numbers in one of them (`signs`: files) have changed."""
     if not folders:
         raise ConfigError("no run is named; give at least one, as run=PATH")
     if len(folders) > MOST:
         raise ConfigError(f"{len(folders)} runs are too many to be named one by one; up to {MOST}, or a sweep's folder")
-    state = [[os.fspath(folder), *(_changed(folder / name) for name in SIGNS)] for folder in folders]
+    state = [[os.fspath(folder), *(_changed(folder / name) for name in signs)] for folder in folders]
     return hashlib.sha256(json.dumps(state).encode()).hexdigest()[:32]
 
 

@@ -12,7 +12,7 @@ from starlette.responses import FileResponse, HTMLResponse
 
 from omnilab.errors import ConfigError
 from omnilab_serve.comparing.charts import error_charts, metric_charts, recall_chart
-from omnilab_serve.comparing.merged import merge_recordings, merged_recording
+from omnilab_serve.comparing.merged import MERGED, merge_recordings
 from omnilab_serve.comparing.words import best_of, ordered
 from omnilab_serve.pages.viewer import viewer_page
 from omnilab_serve.rendering import page
@@ -22,11 +22,11 @@ router = APIRouter(include_in_schema=False)
 BESIDE = 6  # configurations that are columns; more are rows
 MOST_MERGED = 8  # recordings in one view, as `omnilab view` takes
 CHOICES = 60
-Runs = Annotated[list[str], Query(alias="run", default_factory=list)]
+RunPaths = Annotated[list[str], Query(alias="run", default_factory=list)]
 
 
 @router.get("/compare")
-def compare(request: Request, service: Here, runs: Runs, best: str = "", metric: str = "") -> HTMLResponse:
+def compare(request: Request, service: Here, runs: RunPaths, best: str = "", metric: str = "") -> HTMLResponse:
     if not runs:
         found = service.index.search("", limit=CHOICES)
         return page(request, "compare_choice.html", found=found, sweeps=service.index.sweeps(), chosen=[], q="")
@@ -35,14 +35,14 @@ def compare(request: Request, service: Here, runs: Runs, best: str = "", metric:
 
 
 @router.get("/parts/compare-choices")
-def choices(request: Request, service: Here, runs: Runs, q: str = "") -> HTMLResponse:
+def choices(request: Request, service: Here, runs: RunPaths, q: str = "") -> HTMLResponse:
     """The runs that a query finds, and those that are ticked already."""
     found = service.index.search(q, limit=CHOICES)
     return page(request, "part_compare_choices.html", found=found, chosen=unique(runs), q=q)
 
 
 @router.get("/parts/compare")
-def comparison(request: Request, service: Here, runs: Runs, best: str = "", metric: str = "") -> HTMLResponse:
+def comparison(request: Request, service: Here, runs: RunPaths, best: str = "", metric: str = "") -> HTMLResponse:
     document = service.comparisons.document(folders(service, runs))
     names = [one["name"] for one in document["metrics"]]
     for name in (best.removeprefix("-"), metric):
@@ -59,7 +59,7 @@ def comparison(request: Request, service: Here, runs: Runs, best: str = "", metr
 
 
 @router.get("/parts/merged")
-def merged(request: Request, service: Here, runs: Runs) -> HTMLResponse:
+def merged(request: Request, service: Here, runs: RunPaths) -> HTMLResponse:
     """The viewer with the recordings of runs as one."""
     key, warnings = merge_recordings(folders(service, runs))
     return page(request, "part_merged.html", key=key, warnings=warnings)
@@ -67,13 +67,13 @@ def merged(request: Request, service: Here, runs: Runs) -> HTMLResponse:
 
 @router.get("/merged/{key}")
 def merged_viewer(request: Request, key: str) -> HTMLResponse:
-    merged_recording(key)
+    MERGED.file(key)
     return viewer_page(request, f"/merged/{key}/runs.rrd")
 
 
 @router.get("/merged/{key}/runs.rrd")
 def merged_file(key: str) -> FileResponse:
-    return FileResponse(merged_recording(key), media_type="application/octet-stream", filename="runs.rrd")
+    return FileResponse(MERGED.file(key), media_type="application/octet-stream", filename="runs.rrd")
 
 
 def folders(service: Service, runs: Sequence[str]) -> list[Path]:

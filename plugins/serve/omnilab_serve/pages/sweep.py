@@ -27,7 +27,7 @@ def sweep(
     return _page(request, "sweep.html", service, path, metric, sort, every)
 
 
-@router.get("/parts/sweep/{path:path}")
+@router.get("/parts/sweep-jobs/{path:path}")
 def sweep_part(
     request: Request, path: str, service: Here, metric: str = "", sort: str = "", every: bool = False
 ) -> HTMLResponse:

@@ -1,1 +1,3 @@
-"""Reports: a run or a sweep as one HTML file."""
+"""Reports: runs and sweeps as one HTML file that needs nothing else."""
+
+from omnilab_serve.reports.command import report as report
