@@ -87,14 +87,15 @@ def is_held(output: Path) -> bool | None:
 
 def marked(mark: str) -> int | None:
     """The process that was started with a mark, and leads its session; None if there is none, or it is not to be seen."""
-    wanted = f"{MARK}={mark}".encode()
+    wanted, found = f"{MARK}={mark}".encode(), []
     for folder in Path("/proc").glob("[0-9]*"):
+        pid = int(folder.name)
         with suppress(OSError):
-            if wanted in (folder / "environ").read_bytes().split(b"\0") and os.getsid(int(folder.name)) == int(
-                folder.name
-            ):
-                return int(folder.name)
-    return None
+            if wanted in (folder / "environ").read_bytes().split(b"\0") and os.getsid(pid) == pid:
+                found.append(pid)
+    return min(
+        found, key=lambda pid: holder_of(pid).process_start_ticks or 0, default=None
+    )  # it may have started others
 
 
 def tell_to_end(holder: Holder, signals: int) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import re
 import secrets
 import subprocess
 import threading
@@ -13,23 +12,21 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from omnilab.atomic_files import PART
-from omnilab.client import Submission, SubmissionRequest
+from omnilab.client import StageProgress, Submission, SubmissionRequest
 from omnilab.errors import ConfigError, DataError
 from omnilab.runner.run_folder import FAILED, RUNNING, process
-from omnilab.runner.run_folder.lock import RunLock, lock_state
 from omnilab_serve.composing import Composer, check_request
 from omnilab_serve.events import QUEUE, Events
 from omnilab_serve.queue import children, commands
 from omnilab_serve.queue.folder_state import ended_state, progress_of, state_of
 from omnilab_serve.queue.interrupting import interrupt_holder
 from omnilab_serve.queue.recovery import taken_up
-from omnilab_serve.queue.submission_file import ACTIVE, CANCELLED, QUEUED, Attempt, SubmissionFile, now, read_submission
+from omnilab_serve.queue.submission_file import ACTIVE, CANCELLED, QUEUED, Attempt, SubmissionFile, now
+from omnilab_serve.queue.submission_store import SubmissionStore
 from omnilab_serve.queue.workers import Workers
 from omnilab_serve.settings import ServeSettings
 
 MULTIRUN = ("-m", "--multirun")
-FOLDER = ".queue"  # in the logs; hidden, as it is no run
 MOST_QUEUED = 1000
 MOST_PRIORITY = 1000
 WATCHED_FIRST = 2 * MOST_PRIORITY  # what runs already has its worker before anything is begun
@@ -43,17 +40,17 @@ log = logging.getLogger("omnilab")
 class RunQueue:
     """Submissions, which outlive the process; each runs in a process of its own, which outlives it too.
 
-    The files are the truth, and `_records` holds what they say; recovery.py has what follows from them after a restart.
+    The files are the truth; recovery.py has what follows from them after a restart.
     """
 
     def __init__(self, settings: ServeSettings, events: Events, composer: Composer) -> None:
         self._settings, self._events, self._composer = settings, events, composer
-        self._folder = settings.logs / FOLDER
-        self._records: dict[str, SubmissionFile] = {}
+        self._store = SubmissionStore(settings.logs, events)
+        self._records, self._mutex = self._store.records, self._store.mutex
         self._checked: set[str] = set()  # those whose words this process has checked
         self._told_s: dict[str, float] = {}  # when one was told to end last
-        self._mutex, self._stopping = threading.RLock(), threading.Event()
-        self._lock: RunLock | None = None
+        self._shown: dict[str, tuple[float, StageProgress | None]] = {}  # progress, and when it was read
+        self._stopping = threading.Event()
         self._workers: Workers | None = None
 
     # ------------------------------------------------------------------------------------------- the service's life
@@ -62,23 +59,14 @@ class RunQueue:
 
         DataError if another service works on these logs.
         """
-        self._lock = self._claimed()
+        self._store.claim()
         self._stopping.clear()
-        self._workers = Workers(self._folder / "huey.sqlite", self._settings.workers, self._take)
-        for part in self._folder.iterdir():
-            if re.search(rf"{PART}$", part.name):
-                part.unlink(missing_ok=True)
-        found = []
-        for file in self._folder.glob("*.json"):
-            try:
-                found.append(read_submission(file))
-            except DataError as error:
-                log.warning("%s", error)
-        self._records = {each.id: each for each in found}
-        for record in found:
-            if record.state in ACTIVE:
-                self._note(taken_up(record, self._settings.logs, self._lives, self._output))
-        for record in sorted(self._records.values(), key=lambda each: each.order):
+        self._store.load()
+        self._workers = Workers(self._store.folder / "huey.sqlite", self._settings.workers, self._take)
+        active = [record for record in self._records.values() if record.state in ACTIVE]
+        for record in active:
+            self._store.note(taken_up(record, self._settings.logs, self._lives, self._store.output))
+        for record in sorted((self._records[each.id] for each in active), key=lambda each: each.order):
             if record.state in ACTIVE:
                 self._workers.add(record.id, WATCHED_FIRST if record.state == RUNNING else record.priority)
         self._workers.start()
@@ -89,20 +77,7 @@ class RunQueue:
             self._stopping.set()
             if self._workers is not None:
                 self._workers.stop()
-            if self._lock is not None:
-                self._lock.release()
-                self._lock = None
-
-    def _claimed(self) -> RunLock:
-        self._folder.mkdir(parents=True, exist_ok=True)
-        try:
-            return RunLock.take(self._folder, purpose="serve")
-        except DataError as error:
-            found = lock_state(self._folder)
-            who = found.words if found else str(error)
-            raise DataError(
-                f"another omnilab serve works on {self._settings.logs} {who}; use its page, or give another --logs"
-            ) from error
+            self._store.release()
 
     # ------------------------------------------------------------------------------------------- what others ask for
     def submissions(self) -> Sequence[Submission]:
@@ -125,7 +100,7 @@ class RunQueue:
     def output(self, identity: str) -> str:
         """The end of what the last process of a submission has printed."""
         record = self._record(identity)
-        return children.tail(self._output(record)) if record.starts else ""
+        return children.tail(self._store.output(record)) if record.starts else ""
 
     def submit(self, request: SubmissionRequest) -> Submission:
         """Put a run or a sweep into the queue; ConfigError for one that cannot be run, or if the queue is full."""
@@ -162,12 +137,12 @@ class RunQueue:
         with self._mutex:
             record = self._record(identity)
             if record.state == QUEUED:
-                return self._public(self._put(replace(record, state=CANCELLED, ended=now())))
+                return self._public(self._store.put(replace(record, state=CANCELLED, ended=now())))
             if record.state != RUNNING:
                 raise DataError(f"submission {identity} has ended ({record.state}); there is nothing to cancel")
             if record.signals and time.monotonic() - self._told_s.get(identity, 0.0) < PATIENCE_S:
                 return self._public(record)
-            record = self._put(replace(record, signals=record.signals + 1))
+            record = self._store.put(replace(record, signals=record.signals + 1))
             self._told_s[identity] = time.monotonic()
             if (holder := record.starts[-1].process) is not None:  # else whoever watches it comes to know it
                 children.tell_to_end(holder, record.signals)
@@ -190,7 +165,7 @@ class RunQueue:
             if record.state != QUEUED:
                 raise DataError(f"submission {identity} is {record.state}; only what waits has a place in the queue")
             if priority != record.priority:
-                record = self._put(replace(record, priority=priority, queued_s=time.time()))
+                record = self._store.put(replace(record, priority=priority, queued_s=time.time()))
                 self._add(record)
             return self._public(record)
 
@@ -218,7 +193,7 @@ class RunQueue:
             self._check_room()
             if (before := self._records.get(record.id)) and before.state in ACTIVE:
                 raise DataError(f"submission {record.id} is {before.state} already")
-            self._put(record)
+            self._store.put(record)
             self._checked.add(record.id)
             self._add(record)
         return self._public(record)
@@ -252,30 +227,11 @@ class RunQueue:
         found = record.public()
         if record.state != RUNNING or found.path is None:
             return found
-        return replace(found, progress=progress_of(self._settings.logs / found.path, record.sweep))
-
-    # ------------------------------------------------------------------------------------------- files
-    def _put(self, record: SubmissionFile) -> SubmissionFile:
-        """The file first; DataError if the disk does not take it, and then nothing has changed."""
-        record.write(self._folder)
-        self._records[record.id] = record
-        self._events.publish(QUEUE)
-        return record
-
-    def _note(self, record: SubmissionFile) -> SubmissionFile:
-        """What has happened, whether or not the disk takes it: it can be told again from the folders."""
-        try:
-            return self._put(record)
-        except DataError as error:
-            log.warning("%s", error)
-            self._records[record.id] = record
-            return record
-
-    def _output(self, record: SubmissionFile) -> Path:
-        return self._folder / f"{record.id}-{len(record.starts)}.log"
-
-    def _mark(self, record: SubmissionFile) -> str:
-        return f"{record.id}-{len(record.starts)}"
+        read_s, progress = self._shown.get(record.id, (-PUBLISH_S, None))
+        if time.monotonic() - read_s >= PUBLISH_S:  # however many look
+            progress = progress_of(self._settings.logs / found.path, record.sweep)
+            self._shown[record.id] = time.monotonic(), progress
+        return replace(found, progress=progress)
 
     # ------------------------------------------------------------------------------------------- what workers do
     def _add(self, record: SubmissionFile) -> None:
@@ -316,7 +272,7 @@ class RunQueue:
             known = {"state": FAILED, "ended": now(), "error": str(error)}
         with self._mutex:
             if self._records[identity].state == QUEUED and not self._stopping.is_set():
-                self._put(replace(self._records[identity], **known))
+                self._store.put(replace(self._records[identity], **known))
                 self._checked.add(identity)
 
     def _begin(self, identity: str, priority: int) -> subprocess.Popen[bytes] | None:
@@ -330,15 +286,15 @@ class RunQueue:
     def _started(self, record: SubmissionFile) -> subprocess.Popen[bytes] | None:
         path = record.path if record.sweep and record.path else commands.new_path(record.experiment)
         start = Attempt(path, now())
-        record = self._put(replace(record, state=RUNNING, starts=[*record.starts, start], ended=None, error=None))
+        record = self._store.put(replace(record, state=RUNNING, starts=[*record.starts, start], ended=None, error=None))
         words = commands.words_of(record, self._settings.logs)
         try:
-            child = children.start_child(words, record.directory, self._output(record), self._mark(record))
+            child = children.start_child(words, record.directory, self._store.output(record), record.mark)
         except OSError as error:
-            self._note(replace(record, state=FAILED, ended=now(), error=f"no process could be started ({error})"))
+            self._store.note(replace(record, state=FAILED, ended=now(), error=f"no process could be started ({error})"))
             return None
         known = replace(start, process=children.holder_of(child.pid))
-        self._note(replace(record, starts=[*record.starts[:-1], known]))
+        self._store.note(replace(record, starts=[*record.starts[:-1], known]))
         return child
 
     def _watch(self, identity: str, child: subprocess.Popen[bytes] | None) -> None:
@@ -361,16 +317,18 @@ class RunQueue:
             child.returncode = 0  # it goes on without us, and Python need not warn of that
 
     def _lives(self, record: SubmissionFile) -> bool:
-        return children.lives(record.starts[-1], self._output(record), self._mark(record))
+        return children.lives(record.starts[-1], self._store.output(record), record.mark)
 
     def _identify(self, identity: str) -> None:
         """Find a process whose number the service before could not write down."""
-        if (pid := children.marked(self._mark(self._records[identity]))) is None:
+        if (pid := children.marked(self._records[identity].mark)) is None:
             return
         with self._mutex:
             record, holder = self._records[identity], children.holder_of(pid)
             if not self._stopping.is_set():
-                self._note(replace(record, starts=[*record.starts[:-1], replace(record.starts[-1], process=holder)]))
+                self._store.note(
+                    replace(record, starts=[*record.starts[:-1], replace(record.starts[-1], process=holder)])
+                )
                 if record.signals:
                     children.tell_to_end(holder, record.signals)
 
@@ -380,8 +338,8 @@ class RunQueue:
         with self._mutex:
             if not self._stopping.is_set():
                 record = self._records[identity]
-                how = ended_state(found, code, record.signals, children.tail(self._output(record)))
-                self._note(replace(record, state=how.state, error=how.error, ended=now()))
+                how = ended_state(found, code, record.signals, children.tail(self._store.output(record)))
+                self._store.note(replace(record, state=how.state, error=how.error, ended=now()))
 
 
 def _request(record: SubmissionFile) -> SubmissionRequest:

@@ -89,6 +89,11 @@ class SubmissionFile:
         return self.starts[-1].path if self.starts else self.resumes
 
     @property
+    def mark(self) -> str:
+        """What the environment of its last process, and the name of its output, say."""
+        return f"{self.id}-{len(self.starts)}"
+
+    @property
     def order(self) -> tuple[float, float]:
         """What is smaller is begun sooner."""
         return -self.priority, self.queued_s

@@ -16,7 +16,7 @@ import pytest
 from queue_for_tests import until
 
 from omnilab.errors import DataError
-from omnilab_serve.queue import RunQueue, commands, recovery, run_queue
+from omnilab_serve.queue import RunQueue, commands, recovery, run_queue, submission_store
 from omnilab_serve.queue.children import lives
 from omnilab_serve.queue.submission_file import Attempt, SubmissionFile, now
 
@@ -185,3 +185,15 @@ def test_a_file_is_believed_only_if_all_of_it_can_be(
     file.write_text(json.dumps(json.loads(file.read_text()) | change))
     assert states(start()) == []
     assert "cannot be read" in caplog.text
+
+
+def test_the_oldest_of_very_many_that_ended_go(place: Any, start: Starts, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(submission_store, "MOST_ENDED", 2)
+    folder = place.logs / ".queue"
+    folder.mkdir(parents=True)
+    for number in range(4):
+        ended = f"2026-01-0{number + 1}T00:00:00+00:00"
+        record_of(id=str(number) * 12, logs=str(place.logs), state="done", ended=ended).write(folder)
+        (folder / f"{str(number) * 12}-1.log").touch()
+    assert {one.id for one in start().submissions()} == {"2" * 12, "3" * 12}
+    assert {file.stem.partition("-")[0] for file in folder.glob("[0-9]*")} == {"2" * 12, "3" * 12}
