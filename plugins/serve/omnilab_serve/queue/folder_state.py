@@ -16,6 +16,7 @@ from omnilab.runner.sweeps import load_sweep
 from omnilab.runner.sweeps.job_log import JOBS
 from omnilab.runner.sweeps.snapshot import Snapshot, snapshot
 from omnilab.runner.sweeps.status_table import overall, state
+from omnilab_serve.queue.submission_file import LONGEST_ERROR
 
 FINISHED = (DONE, FAILED, INTERRUPTED)  # as the run itself has said
 INTERRUPT_CODES = (130, -signal.SIGINT)  # with which a process ends that was interrupted
@@ -41,7 +42,8 @@ def _of_run(folder: Path) -> FolderState | None:
     if not (folder / STATUS).is_file():
         return None
     run = LoadedRun(folder)
-    return FolderState(run.state, run.status.get("error"))
+    error = run.status.get("error")
+    return FolderState(run.state, error[:LONGEST_ERROR] if isinstance(error, str) else None)
 
 
 def _of_sweep(folder: Path, since: str) -> FolderState | None:
@@ -60,7 +62,7 @@ def _of_sweep(folder: Path, since: str) -> FolderState | None:
 
 def _of_jobs(seen: Snapshot) -> str:
     first = next((job.error for job in seen.of(FAILED) if job.error), None)
-    return f"{overall(seen)}: {first}" if first else overall(seen)
+    return f"{overall(seen)}: {first[:LONGEST_ERROR]}" if first else overall(seen)
 
 
 def ended_state(found: FolderState | None, code: int | None, signals: int, output: str) -> FolderState:
@@ -75,7 +77,9 @@ def ended_state(found: FolderState | None, code: int | None, signals: int, outpu
     if found:
         return FolderState(KILLED, found.error or "its process was ended from outside")
     lines = output.strip().splitlines()
-    return FolderState(FAILED, lines[-1].removeprefix("omnilab: ") if lines else f"it ended with code {code}")
+    return FolderState(
+        FAILED, lines[-1].removeprefix("omnilab: ")[:LONGEST_ERROR] if lines else f"it ended with code {code}"
+    )
 
 
 def _too_little_memory(code: int, signals: int) -> str:

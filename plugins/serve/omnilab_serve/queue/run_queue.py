@@ -21,14 +21,22 @@ from omnilab_serve.queue import children, commands
 from omnilab_serve.queue.folder_state import ended_state, progress_of, state_of
 from omnilab_serve.queue.interrupting import interrupt_holder
 from omnilab_serve.queue.recovery import taken_up
-from omnilab_serve.queue.submission_file import ACTIVE, CANCELLED, QUEUED, Attempt, SubmissionFile, now
+from omnilab_serve.queue.submission_file import (
+    ACTIVE,
+    CANCELLED,
+    MOST_PRIORITY,
+    QUEUED,
+    Attempt,
+    SubmissionFile,
+    check_priority,
+    now,
+)
 from omnilab_serve.queue.submission_store import SubmissionStore
 from omnilab_serve.queue.workers import Workers
 from omnilab_serve.settings import ServeSettings
 
 MULTIRUN = ("-m", "--multirun")
 MOST_QUEUED = 1000
-MOST_PRIORITY = 1000
 WATCHED_FIRST = 2 * MOST_PRIORITY  # what runs already has its worker before anything is begun
 POLL_S, PUBLISH_S = 0.2, 1.0  # how often a process is looked at, and its progress shown
 AGAIN_S = 10.0  # after which a full disk is tried again
@@ -104,7 +112,7 @@ class RunQueue:
 
     def submit(self, request: SubmissionRequest) -> Submission:
         """Put a run or a sweep into the queue; ConfigError for one that cannot be run, or if the queue is full."""
-        _check_priority(request.priority)
+        check_priority(request.priority)
         self._check_room()
         composed = check_request(request, self._composer)
         return self._queued(
@@ -159,7 +167,7 @@ class RunQueue:
 
     def prioritise(self, identity: str, priority: int) -> Submission:
         """Another place in the queue; the larger, the sooner."""
-        _check_priority(priority)
+        check_priority(priority)
         with self._mutex:
             record = self._record(identity)
             if record.state != QUEUED:
@@ -344,8 +352,3 @@ class RunQueue:
 
 def _request(record: SubmissionFile) -> SubmissionRequest:
     return SubmissionRequest(record.overrides, record.priority, record.launcher)
-
-
-def _check_priority(priority: int) -> None:
-    if abs(priority) > MOST_PRIORITY:
-        raise ConfigError(f"priority={priority} is out of range; give {-MOST_PRIORITY} to {MOST_PRIORITY}")

@@ -16,14 +16,17 @@ from typing import Any, Self
 
 from omnilab.atomic_files import write_whole
 from omnilab.client import Submission
-from omnilab.errors import DataError
+from omnilab.errors import ConfigError, DataError
 from omnilab.file_kinds import content_of
-from omnilab.runner.run_folder import RUNNING
+from omnilab.runner.run_folder import DONE, FAILED, INTERRUPTED, KILLED, RUNNING
 from omnilab.runner.run_folder.lock import Holder
 
 QUEUED, CANCELLED = "queued", "cancelled"  # besides the states of a run
 ACTIVE = (QUEUED, RUNNING)
-LARGEST_BYTES = 1 << 20
+STATES = (*ACTIVE, DONE, FAILED, INTERRUPTED, KILLED, CANCELLED)
+MOST_PRIORITY = 1000
+LARGEST_BYTES = 1 << 22
+LONGEST_ERROR = 2000  # characters
 IDENTITY = re.compile(r"[0-9a-f]{12}")
 TEXT, TEXTS = (str, NoneType), (list,)
 
@@ -53,7 +56,8 @@ class Attempt:
 
 def _check_within(path: str) -> None:
     """ValueError for a path that leads out of the logs."""
-    if PurePosixPath(path).is_absolute() or ".." in PurePosixPath(path).parts:
+    parts = PurePosixPath(path).parts
+    if not parts or parts[0] == "/" or ".." in parts:
         raise ValueError("it has a folder outside of the logs")
 
 
@@ -101,6 +105,8 @@ class SubmissionFile:
     def write(self, folder: Path) -> None:
         """Replace the file in the queue's folder, whole; DataError if the disk does not take it."""
         text = json.dumps(asdict(self), indent=1) + "\n"
+        if len(text) > LARGEST_BYTES:
+            raise DataError(f"the words of the command have more than {LARGEST_BYTES} characters; give fewer")
         try:
             write_whole(folder / f"{self.id}.json", lambda out: out.write(text.encode()))
         except OSError as error:
@@ -131,22 +137,31 @@ TYPES: Mapping[str, tuple[type, ...]] = {
 }  # fmt: skip
 
 
+def check_priority(priority: int) -> None:
+    """ConfigError for one beyond all others."""
+    if abs(priority) > MOST_PRIORITY:
+        raise ConfigError(f"priority={priority} is out of range; give {-MOST_PRIORITY} to {MOST_PRIORITY}")
+
+
 def read_submission(file: Path) -> SubmissionFile:
     """The submission of a file, which may be damaged, or a stranger's: DataError then."""
     try:
         content = json.loads(content_of(file, LARGEST_BYTES))
         found = {each.name: content[each.name] for each in fields(SubmissionFile)}
         wrong = [name for name, types in TYPES.items() if type(found[name]) not in types]
+        wrong += [name for name in ("jobs", "signals", "restarts") if not wrong and not 0 <= found[name] < 10**9]
+        wrong += [] if found["state"] in STATES else ["state"]
         texts = all(isinstance(word, str) for word in (*found["overrides"], *found["words"]))
         if wrong or not texts or not math.isfinite(found["queued_s"]):
             raise ValueError(f"its {wrong[0] if wrong else 'words or its time'} cannot be")
         if found["id"] != file.stem or not IDENTITY.fullmatch(file.stem):
             raise ValueError("its id is not its name")
-        _check_within(found["resumes"] or "")
+        _check_within(found["resumes"] or "none")
+        check_priority(found["priority"])
         found["starts"] = [Attempt.of(start) for start in found["starts"]]
         if found["state"] == RUNNING and not found["starts"]:
             raise ValueError("it says running, and was never begun")
         return SubmissionFile(**found)
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError, ConfigError) as error:
         why = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
         raise DataError(f"{file} cannot be read ({why}); it is left alone: move it away") from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -18,7 +19,8 @@ from omnilab.client import SubmissionRequest
 from omnilab.errors import ConfigError, DataError
 from omnilab.runner.run_folder import find_runs
 from omnilab.runner.run_folder.lock import RunLock
-from omnilab_serve.queue import RunQueue, interrupting, run_queue
+from omnilab_serve.queue import RunQueue, folder_state, interrupting, run_queue
+from omnilab_serve.queue.submission_file import now
 
 Starts = Callable[..., RunQueue]
 
@@ -247,3 +249,36 @@ def test_the_service_does_not_stop_itself_nor_one_job_of_a_sweep(place: Any, sta
         queue.interrupt("quick/sweep/0")
     with RunLock.take(place.logs / "quick"), pytest.raises(DataError, match="nothing was stopped"):
         interrupting.interrupt_holder(place.logs / "quick", "quick")  # this process itself
+
+
+# ---------------------------------------------------------------------------------------- how it ended
+@pytest.mark.parametrize(
+    ("status", "code", "signals", "expected"),
+    [
+        ({"status": "done"}, 0, 0, ("done", None)),
+        ({"status": "failed", "error": "too small"}, 1, 0, ("failed", "too small")),
+        ({"status": "failed", "error": {"not": "a text"}}, 1, 0, ("failed", None)),
+        ({"status": "interrupted"}, 130, 1, ("interrupted", None)),
+        (
+            {"status": "running"},
+            -9,
+            0,
+            ("killed", "its process was ended by SIGKILL; the system does so where memory is too little"),
+        ),
+        ({"status": "running"}, -9, 3, ("killed", "its process was ended by SIGKILL")),
+        ({"status": "running"}, None, 0, ("killed", "its process was ended from outside")),
+        ({"status": "weird"}, 0, 0, ("killed", "its process was ended from outside")),
+        (None, 130, 1, ("interrupted", None)),
+        (None, 2, 0, ("failed", "the last line")),
+        (None, None, 1, ("interrupted", None)),
+    ],
+)
+def test_how_it_ended_is_what_its_folder_says_or_its_process(
+    status: dict[str, Any] | None, code: int | None, signals: int, expected: tuple[str, str], tmp_path: Path
+) -> None:
+    if status:
+        rest = {"time": "2026-01-01T00:00:00+00:00", "pid": 2**22 + 1}
+        (tmp_path / "status.json").write_text(json.dumps(rest | status))
+    found = folder_state.state_of(tmp_path, sweep=False, since=now())
+    how = folder_state.ended_state(found, code, signals, "a line\nomnilab: the last line\n")
+    assert (how.state, how.error) == expected

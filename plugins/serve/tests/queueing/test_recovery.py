@@ -175,6 +175,8 @@ def test_files_that_are_no_submissions_are_left_alone(
 
 
 @pytest.mark.parametrize("change", [{"id": "../../etc"}, {"state": "running"}, {"priority": "1"}, {"words": [1]},
+                                    {"priority": 10**30}, {"queued_s": 10**400}, {"signals": -5}, {"state": "<b>"},
+                                    {"resumes": "/etc"}, {"jobs": True}, {"starts": [{}]},
                                     {"starts": [{"path": "../..", "time": now(), "process": None}]}])  # fmt: skip
 def test_a_file_is_believed_only_if_all_of_it_can_be(
     change: dict[str, Any], place: Any, start: Starts, caplog: pytest.LogCaptureFixture
