@@ -9,7 +9,8 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, asdict, fields, is_dataclass
 from enum import Enum
-from typing import Any, get_type_hints
+from types import UnionType
+from typing import Any, get_origin, get_type_hints
 
 from omnilab.api.settings import Range, plain_types, ranges_of
 
@@ -30,8 +31,8 @@ def settings_data(cls: type[Any]) -> list[dict[str, Any]]:
 
     `required` settings have no `default`. `range` is null, or the limits of each number: `lowest` and `highest`, those
     that hold for all included, `above` and `below` where the limit itself is out, `multiple_of`, `whole`, `count` and
-    `fewest` of a list's numbers, and all of it in words, `allowed`. `choices` are an enumeration's names; `settings` are
-    those of a setting that has its own. `writes`: it names a file or a folder that is written.
+    `fewest` of a list's numbers, and all of it in words, `allowed`. `choices` are an enumeration's names, and null where it may be that;
+    `settings` are those of a setting that has its own. `writes`: it names a file or a folder that is written.
     """
     hints, ranges, source = get_type_hints(cls), ranges_of(cls), _source(cls)  # type: ignore[arg-type]  # a class is hashable
     return [_data(field, hints[field.name], ranges[field.name], *source[field.name]) for field in fields(cls)]
@@ -50,8 +51,9 @@ def _data(field: Field[Any], hint: Any, allowed: Range, node: ast.AnnAssign, com
         "range": _range(allowed) if NUMBERS & set(plain_types(hint)) else None,
         "writes": field.metadata.get("writes", False),
     }
-    if isinstance(hint, type) and issubclass(hint, Enum):
-        found["choices"] = [member.name for member in hint]
+    enums = [each for each in plain_types(hint) if isinstance(each, type) and issubclass(each, Enum)]
+    if enums and get_origin(hint) in {None, UnionType}:
+        found["choices"] = [member.name for member in enums[0]] + ["null"] * (type(None) in plain_types(hint))
     if isinstance(hint, type) and is_dataclass(hint):
         found["settings"] = settings_data(hint)
     return found

@@ -1,5 +1,7 @@
 """What is installed, as pages and as data."""
 
+import cv2
+import numpy as np
 import pytest
 
 from omnilab.client import Client, SubmissionRequest
@@ -24,7 +26,6 @@ def test_components_are_found_by_their_words(serve, tab):
 
 def test_what_uses_a_component_fills_the_form(serve, tab):
     tab.goto(serve().url + "/components/descriptor/hog")
-    tab.screenshot(path="/tmp/component.png")
     assert tab.locator(".copyable code").inner_text() == "descriptor=hog"
     tab.get_by_text("Try it in the quickstart").click()
     tab.wait_for_selector("#command")
@@ -38,7 +39,6 @@ def test_plugins_that_failed_come_first_and_are_no_markup(serve, tab, tmp_path, 
     tab.goto(served.url + "/components")
     notice = tab.locator(".notice.failed")
     assert "no module named <script>alert(1)</script>" in notice.inner_text()
-    tab.screenshot(path="/tmp/components.png")
     notice.locator("summary").click()
     assert "Traceback" in notice.locator("pre").inner_text()
     (failure,) = served.client.get("/api/failed-plugins").json()
@@ -70,3 +70,29 @@ def test_the_api_names_the_field_that_a_sentence_is_about(serve):
     slots = {slot["path"]: slot["name"] for slot in api.get("/api/recipes/room").json()["slots"]}
     assert slots["descriptors.radon_gist"] == "radon_gist"
     assert "seed" in [setting["name"] for setting in api.get("/api/run-settings").json()]
+
+
+def test_worlds_are_drawn_once_by_each_camera(serve, tab, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    served = serve()
+    tab.goto(served.url + "/components/sensor/mirror")
+    assert tab.locator("figcaption").all_inner_texts() == [
+        f"sensor.world={world}" for world in ("corridor", "office", "room", "square", "storey")
+    ]
+    served.client.timeout = 120
+    first = served.client.get("/components/sensor/mirror/room.png")
+    assert first.headers["content-type"] == "image/png"
+    image = cv2.imdecode(np.frombuffer(first.content, np.uint8), cv2.IMREAD_COLOR)
+    assert image.shape == (250, 250, 3)
+    assert image.std() > 20
+    drawn = {file: file.stat().st_mtime_ns for file in (tmp_path / "cache/omnilab/pictures").iterdir()}
+    assert served.client.get("/components/sensor/mirror/room.png").content == first.content
+    served.app.state.service.composer.stop()
+    assert served.client.get("/components/sensor/mirror/room.png").content == first.content
+    assert all(file.stat().st_mtime_ns == drawn[file] for file in drawn)
+
+
+def test_there_are_pictures_of_shipped_worlds_alone(serve):
+    client = serve().client
+    for where in ("mirror/nonsense", "folder/room", "mirror/..%2f..%2fetc", "mirror/%2fetc%2fpasswd"):
+        assert client.get(f"/components/sensor/{where}.png").status_code == 404

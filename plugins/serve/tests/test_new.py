@@ -161,6 +161,13 @@ def test_start_puts_it_into_the_queue(serve, tab, monkeypatch):
     )  # fmt: skip
 
 
+def test_shipped_worlds_are_suggested(opened):
+    tab = opened("experiment=quickstart")
+    assert setting(tab, "sensor.world").get_attribute("list") == "of-sensor.world"
+    options = tab.locator("[id='of-sensor.world'] option")
+    assert {"room", "office"} <= {option.get_attribute("value") for option in options.all()}
+
+
 def test_no_recipe_of_another_name_is_opened(serve):
     client = serve().client
     assert client.get("/new?experiment=../config").status_code == 404
@@ -174,6 +181,7 @@ def test_no_recipe_of_another_name_is_opened(serve):
 @pytest.mark.slow
 def test_the_form_of_every_recipe_renders(serve):
     client = serve().client
+    client.timeout = 300
     for recipe in recipes():
         page = client.get("/new", params={"experiment": recipe})
         assert page.status_code == 200, recipe

@@ -99,6 +99,13 @@ class VirtualCamera(ABC):
 
         return mesh_of(self._world())
 
+    @classmethod
+    def shipped_worlds(cls) -> list[str]:
+        """The names that `world` takes beside files."""
+        from omnilab_mirror.scene.load import shipped
+
+        return list(shipped())
+
     @property
     def imaged_world(self) -> tuple[str, str]:
         """The world's name, and a digest of its content and variant."""

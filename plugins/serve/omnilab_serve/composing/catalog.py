@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib.resources import files
 from typing import Any
@@ -16,6 +16,7 @@ from omnilab.runner.manual import settings_data
 from omnilab.runner.overrides.compose_errors import recipes
 from omnilab.runner.overrides.composition import launchers
 from omnilab.runner.registry import Component, Registry
+from omnilab_serve.composing.pictures import worlds_of
 
 
 def catalog(registry: Registry) -> dict[str, Any]:
@@ -24,13 +25,20 @@ def catalog(registry: Registry) -> dict[str, Any]:
         "recipes": [described(name) for name in recipes()],
         "kinds": {kind.name: kind.summary for kind in KINDS.values()},
         "components": [asdict(record(component)) for component in registry.components.values()],
-        "run": settings_data(Settings),
+        "run": settings(Settings),
+        "worlds": {each.name: worlds for each in registry.components.values() if (worlds := pictured(each))},
         "failures": [
             {"plugin": each.plugin.title, "sentence": each.sentence, "traceback": each.traceback}
             for each in registry.failures
         ],
         "launchers": launchers(),
     }
+
+
+def pictured(component: Component) -> list[str]:
+    """The worlds of which a component can have pictures as it is."""
+    needs = any(setting["required"] for setting in settings(component.cls))
+    return worlds_of(component.cls) if component.kind == "sensor" and not needs else []
 
 
 def check_recipe(name: str) -> None:
@@ -63,9 +71,14 @@ def record(component: Component) -> ComponentRecord:
     )
 
 
-def settings(cls: type[Any]) -> list[Mapping[str, Any]]:
-    """The settings of a component; without their comments where its source cannot be read."""
-    try:
-        return list(settings_data(cls))
-    except (OSError, TypeError):  # the class was made without a file
-        return []
+_SETTINGS: dict[type[Any], Sequence[Mapping[str, Any]]] = {}
+
+
+def settings(cls: type[Any]) -> Sequence[Mapping[str, Any]]:
+    """The settings of a component, read from its source once; none where that cannot be read."""
+    if cls not in _SETTINGS:
+        try:
+            _SETTINGS[cls] = settings_data(cls)
+        except (OSError, TypeError):  # the class was made without a file
+            _SETTINGS[cls] = []
+    return _SETTINGS[cls]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-import select
+import selectors
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from omnilab.errors import ConfigError, DataError
@@ -68,6 +69,10 @@ class Composer:
         logs, inputs = str(self._settings.logs), [str(folder.absolute()) for folder in self._settings.inputs]
         given = {"overrides": list(overrides), "launcher": launcher, "logs": logs, "inputs": inputs or [os.getcwd()]}  # noqa: PTH109
         return self.ask("check", given)
+
+    def picture(self, sensor: str, world: str) -> Path:
+        """The file of a small picture, PNG, of what a sensor sees of a world."""
+        return Path(self._constant("picture", name=sensor, world=world))
 
     def stop(self) -> None:
         """End the process, if there is one."""
@@ -129,13 +134,15 @@ class Composer:
 
     def _read_line(self, process: subprocess.Popen[bytes], until: float) -> bytes:
         assert process.stdout is not None
-        while b"\n" not in self._rest:
-            left_s = until - time.monotonic()
-            if left_s <= 0 or not select.select([process.stdout], [], [], left_s)[0]:
-                raise TimeoutError
-            if not (read := os.read(process.stdout.fileno(), 2**16)):
-                raise EOFError
-            self._rest += read
+        with selectors.DefaultSelector() as selector:  # select() alone fails with many connections
+            selector.register(process.stdout, selectors.EVENT_READ)
+            while b"\n" not in self._rest:
+                left_s = until - time.monotonic()
+                if left_s <= 0 or not selector.select(left_s):
+                    raise TimeoutError
+                if not (read := os.read(process.stdout.fileno(), 2**16)):
+                    raise EOFError
+                self._rest += read
         line, _, self._rest = self._rest.partition(b"\n")
         return line
 

@@ -17,6 +17,7 @@ from omnilab.runner.overrides.command_line import quoted
 from omnilab.runner.overrides.composition import compose
 from omnilab.runner.registry import MANY, Component, Registry
 from omnilab_serve.composing.catalog import check_recipe, described, settings
+from omnilab_serve.composing.pictures import worlds_of
 
 HIDDEN = {"logs", "objective"}  # settings of the run that the form leaves to its free overrides, or to the service
 UNSET = "???"
@@ -81,6 +82,8 @@ def _setting(declared: Mapping[str, Any], path: str, owner: Any) -> dict[str, An
     value = None if missing else owner[name]
     found = {**declared, "path": path, "value": "" if missing else as_override(value)}
     found["default"] = "" if declared["required"] else as_override(declared["default"])
+    if name == "world" and (worlds := worlds_of(OmegaConf.get_type(owner))):
+        found["suggestions"] = worlds
     if "settings" in declared:
         found["settings"] = [_setting(each, f"{path}.{each['name']}", value) for each in declared["settings"]]
     return found

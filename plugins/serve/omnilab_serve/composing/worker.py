@@ -15,8 +15,9 @@ from omnilab.runner.registry import Registry, discover
 from omnilab_serve.composing.catalog import catalog
 from omnilab_serve.composing.checking import RefusedSettingError, check
 from omnilab_serve.composing.form import form
+from omnilab_serve.composing.pictures import picture
 
-CALLS: Mapping[str, Callable[..., Any]] = {"catalog": catalog, "form": form, "check": check}
+CALLS: Mapping[str, Callable[..., Any]] = {"catalog": catalog, "form": form, "check": check, "picture": picture}
 
 
 def main() -> None:
