@@ -40,8 +40,7 @@ from omnilab.api.results import Recorder, Report
 class Sensor(Protocol):
     """Images of the world. Virtual ones image any pose; recorded ones say which of theirs a layout takes.
 
-    A virtual one may say of which world, `imaged_world`: its name, and a digest of its content and variant; its class,
-    which worlds there are by name for its setting `world`, `shipped_worlds()`.
+    A virtual one may say of which world, `imaged_world`: its name, and a digest; its class, which ones: `shipped_worlds()`.
     """
 
     def plan(self, layout: PoseRequest) -> Plan:
