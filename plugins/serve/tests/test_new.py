@@ -11,6 +11,7 @@ from omnilab.client import Submission
 from omnilab.runner.overrides.compose_errors import recipes
 from omnilab.runner.overrides.composition import compose
 from omnilab.runner.registry import discover
+from omnilab_serve.composing.composer import COMMAND
 
 
 @pytest.fixture
@@ -120,6 +121,11 @@ def test_a_setting_that_is_needed_and_a_component_that_does_not_fit_are_said_at_
     tab = opened("experiment=recorded_grid")
     assert refusal(tab) == ("sensor.path", "sensor.path is not set and has no default; give sensor.path=VALUE")
     tab = opened("experiment=quickstart")
+    tab.locator("#choose-study").select_option("steps")
+    name, said = refusal(tab)
+    assert (name, said.split(";")[0]) == ("study", "experiment/quickstart: 'step_m' is not a setting of Steps")
+    assert setting(tab, "study.heading_steps").input_value() == "180"
+    tab = opened("experiment=quickstart")
     tab.locator("#more").evaluate(
         "(more) => { more.value = 'hydra.run.dir=/tmp'; more.dispatchEvent(new Event('input', {bubbles: true})) }"
     )
@@ -166,6 +172,18 @@ def test_shipped_worlds_are_suggested(opened):
     assert setting(tab, "sensor.world").get_attribute("list") == "of-sensor.world"
     options = tab.locator("[id='of-sensor.world'] option")
     assert {"room", "office"} <= {option.get_attribute("value") for option in options.all()}
+
+
+def test_a_composer_that_dies_is_said_and_the_next_request_has_another(serve):
+    served = serve()
+    composer = served.app.state.service.composer
+    composer._command = (sys.executable, "-c", "raise SystemExit(3)")
+    page = served.client.get("/new?experiment=quickstart")
+    assert (page.status_code, "died over this (exit status 3)" in page.text) == (422, True)
+    part = served.client.post("/parts/new/check", data={"experiment": "quickstart"})
+    assert 'data-refused="the process that composes experiments died over this' in part.text
+    composer._command = COMMAND
+    assert served.client.get("/new?experiment=quickstart").status_code == 200
 
 
 def test_no_recipe_of_another_name_is_opened(serve):

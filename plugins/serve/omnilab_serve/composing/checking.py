@@ -11,6 +11,7 @@ from omegaconf import DictConfig
 from omnilab.errors import ConfigError, OmnilabError
 from omnilab.runner.input_files import leaves
 from omnilab.runner.overrides.composition import Composition, check_build, compose, compose_job
+from omnilab.runner.overrides.doubts import is_choice
 from omnilab.runner.registry import Registry
 from omnilab_serve.composing.network import Bounds, check_places, check_words, is_sweep
 
@@ -49,9 +50,20 @@ def check(
             check_places(config, bounds)
             check_build(config, registry)
     except OmnilabError as error:
-        raise RefusedSettingError(str(error), setting_of(str(error), known)) from error
+        found = setting_of(str(error), known) or _choice_of(str(error), overrides, registry)
+        raise RefusedSettingError(str(error), found) from error
     swept = {name: list(values) for name, values in composed.swept.items()}
     return {"experiment": experiment, "jobs": composed.jobs, "command": words, "swept": swept}
+
+
+def _choice_of(sentence: str, overrides: Sequence[str], registry: Registry) -> str | None:
+    """Which choice of a component a sentence is about that names none: the last, if the recipe does not fit it."""
+    choices = [word for word in overrides if is_choice(word.partition("=")[0])]
+    try:
+        compose(choices, registry)
+    except OmnilabError as error:
+        return choices[-1].partition("=")[0] if str(error) == sentence else None
+    return None
 
 
 def _jobs(composed: Composition, registry: Registry, checked: int) -> Iterable[DictConfig]:

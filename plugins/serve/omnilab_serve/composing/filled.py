@@ -13,7 +13,7 @@ from omnilab_serve.composing.composer import Composer
 
 CHOOSE, SET, KEEP = "choose:", "set:", "keep:"  # what names of fields begin with: of slots, settings, members
 LEFT_OUT = {"experiment", "logs"}  # words of a run that its form has elsewhere
-WORD = re.compile(r"[\w@.]+")
+WORD = re.compile(r"\w+")
 FEWEST_SHOWN = 4  # settings of a component that are shown without unfolding
 
 

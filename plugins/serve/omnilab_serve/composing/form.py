@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from enum import Enum
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf, open_dict
 
 from omnilab.api import KINDS
 from omnilab.errors import ConfigError
@@ -29,8 +29,8 @@ def form(registry: Registry, experiment: str, choices: Sequence[str] = ()) -> di
     recipe = compose([f"experiment={experiment}"], registry).config
     try:
         config, wrong = compose([f"experiment={experiment}", *choices], registry).config, None
-    except ConfigError as error:
-        config, wrong = recipe, str(error)
+    except ConfigError as error:  # the recipe sets what another component does not have
+        config, wrong = _with(choices, recipe, registry), str(error)
     needs = list(getattr(OmegaConf.get_type(config.study), "needs", ()))
     slots = [_slot(path, kind, value, recipe, registry) for path, kind, value in _slots(config)]
     order = ["study", *needs]
@@ -41,6 +41,18 @@ def form(registry: Registry, experiment: str, choices: Sequence[str] = ()) -> di
         "run": [_setting(each, each["name"], config) for each in settings(Settings) if each["name"] not in HIDDEN],
         "wrong": wrong,
     }
+
+
+def _with(choices: Sequence[str], recipe: DictConfig, registry: Registry) -> DictConfig:
+    """A recipe with other components as they are by default."""
+    changed = recipe.copy()
+    for word in choices:
+        choice, _, name = word.lstrip("~").partition("=")
+        kind, _, place = choice.partition("@")
+        found = registry.find(kind, name)
+        with open_dict(changed):
+            OmegaConf.update(changed, place or kind, OmegaConf.structured(found.cls) if found else None, merge=False)
+    return changed
 
 
 def _slots(config: DictConfig) -> Iterator[tuple[str, str, Any]]:
