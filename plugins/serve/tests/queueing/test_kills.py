@@ -138,3 +138,21 @@ def test_a_sweep_that_went_down_with_the_machine_goes_on(service: Service) -> No
     (one,) = service.submissions()
     assert (one["attempt"], one["path"]) == (2, f"quickstart/{folder.name}")
     assert [job.state for job in load_sweep(folder).jobs] == [DONE] * 3
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_sweep_that_was_killed_elsewhere_goes_on_from_here(service: Service) -> None:
+    service.start()
+    folder = service.folder / "logs/quickstart/sweep"
+    words = [sys.executable, "-m", "omnilab", "-m", *RUN, "seed=1,2,3", "hydra.sweep.dir=logs/quickstart/sweep"]
+    leader = subprocess.Popen(words, cwd=service.folder, stderr=subprocess.DEVNULL, start_new_session=True)
+    until((folder / "0/metrics.csv").exists, PATIENCE_S)
+    refused = service.client.post("/api/submissions/resume", json={"path": "quickstart/sweep"})
+    assert refused.status_code == 422
+    assert "is still running" in refused.text
+    leader.kill()
+    leader.wait()
+    assert service.client.post("/api/submissions/resume", json={"path": "quickstart/sweep"}).status_code == 201
+    until(lambda: service.states() == {DONE}, PATIENCE_S)
+    assert [job.state for job in load_sweep(folder).jobs] == [DONE] * 3
