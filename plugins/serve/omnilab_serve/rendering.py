@@ -54,7 +54,7 @@ def page(request: Request, name: str, status: int = 200, **content: Any) -> HTML
         .get_template(name)
         .render(request=request, settings=state.service.settings, csrf=state.csrf, place=request.url.path, **content)
     )
-    return HTMLResponse(text, status)
+    return HTMLResponse(text.encode("utf-8", "replace"), status)  # JSON can say halves of characters
 
 
 def login_page(status: int = 200, sentence: str = "", entered: bool = False) -> HTMLResponse:

@@ -26,7 +26,7 @@ STANDARD = {  # columns beside those of metrics and settings
 DEFAULT = ("overrides", "main", "started", "seconds", "host")
 UNSORTED = ("overrides", "main")
 NOISE = ("logs=", "cache=", "cache_gb=", "hydra.", "hydra/", "resume=", "retry_failed=")
-MOST_COLUMNS, LONGEST_NAME = 40, 200
+MOST_COLUMNS, LONGEST_NAME, MOST_WORDS = 40, 200, 20
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,8 @@ def title(name: str) -> str:
 
 def own_overrides(record: RunRecord) -> list[str]:
     """What was overridden, without what changes no result."""
-    return [word for word in record.overrides if not word.lstrip("+~").startswith(NOISE)]
+    own = [word for word in record.overrides if not word.lstrip("+~").startswith(NOISE)]
+    return own if len(own) <= MOST_WORDS else [*own[:MOST_WORDS], f"and {len(own) - MOST_WORDS} more"]
 
 
 def value_of(record: RunRecord, name: str) -> Any:
@@ -91,7 +92,7 @@ def value_of(record: RunRecord, name: str) -> Any:
 def setting_text(value: Any) -> str:
     """A value in a cell: numbers as elsewhere, anything else as an override would say it."""
     if value is None or isinstance(value, str):
-        return value or ""
+        return (value or "")[:LONGEST_NAME]
     if type(value) in (int, float):
         return str(value) if type(value) is int else figure(value)
-    return json.dumps(value, ensure_ascii=False)
+    return json.dumps(value, ensure_ascii=False)[:LONGEST_NAME]

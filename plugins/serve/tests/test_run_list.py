@@ -113,15 +113,18 @@ def test_many_runs_come_as_they_are_scrolled_to(serve, tab, tmp_path):
 def test_what_a_run_says_is_text(serve, tab, tmp_path):
     folder: Path = tmp_path / "logs/odd <b>&'\"/x"
     folder.mkdir(parents=True)
-    text = "<script>document.title='taken'</script>"
+    text = "<script>document.title='taken'</script>\ud800"
     manifest = {"experiment": text, "overrides": [text], "host": {"name": text}, "components": {text: {"name": text}}}
     (folder / "manifest.json").write_text(json.dumps(manifest))
     (folder / "status.json").write_text(json.dumps({"status": text, "pid": 1, "time": text, "error": text}))
-    (folder / "metrics.csv").write_text(f"metric,value,unit\n{text},1,{text}\n")
-    tab.goto(serve().url)
-    expect(tab.locator("tbody tr")).to_contain_text(text)
+    (folder / "metrics.csv").write_text(f"metric,value,unit\n{text[:-1]},1,{text[:-1]}\n")
+    (folder / "config.yaml").write_text('study: {a: "\\ud800"}\n')
+    served = serve()
+    tab.goto(served.url)
+    expect(tab.locator("tbody tr")).to_contain_text(text[:-1])
     tab.click("#columns summary")
-    expect(tab.locator(".choices")).to_contain_text(text)
+    expect(tab.locator(".choices")).to_contain_text(text[:-1])
+    assert served.client.get("/api/runs").json()["runs"][0]["overrides"] == [text[:-1] + "?"]
     assert tab.title() == "Runs · omnilab"
 
 

@@ -17,7 +17,7 @@ from omnilab.runner.sweeps.reader import SweepReader
 from omnilab.runner.sweeps.snapshot import snapshot
 from omnilab_serve.index.compact import compact
 from omnilab_serve.index.folders import stamp
-from omnilab_serve.index.records import record_at, stage_progress
+from omnilab_serve.index.records import encodable, record_at, stage_progress
 from omnilab_serve.index.sweep_records import sweep_record
 
 ALIVE = (RUNNING, SILENT)
@@ -62,7 +62,7 @@ class LiveRuns:
         run = LoadedRun(self._root / record.path)
         try:
             still = run.state == record.state == RUNNING
-        except DataError:
+        except (DataError, OSError):
             still = False
         if not still:
             return compact(record_at(record.path, self._root, self._sections))
@@ -118,9 +118,9 @@ class SweepWatch:
         reader = self._readers.get(path) or SweepReader(self._root / path)
         try:
             seen = snapshot(reader.load())
-        except DataError as error:
+        except (DataError, OSError) as error:
             self._readers.pop(path, None)
-            return SweepRecord(path, UNREADABLE, error=str(error))
+            return SweepRecord(path, UNREADABLE, error=encodable(str(error)))
         if seen.goes_on:
             self._readers[path] = reader
         else:

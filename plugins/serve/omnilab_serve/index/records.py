@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
@@ -15,7 +16,7 @@ from omnilab.errors import DataError
 from omnilab.runner.compare.configurations import SectionReader
 from omnilab.runner.run_folder.names import CONFIG, DONE, FAILED, INTERRUPTED, KILLED, RUNNING, SUMMARY, UNREADABLE
 from omnilab.runner.run_folder.progress import RunProgress
-from omnilab.runner.run_folder.reading import LoadedRun
+from omnilab.runner.run_folder.reading import LARGEST_FILE, LoadedRun
 from omnilab.runner.sweeps.job_log import JOBS
 from omnilab.runner.sweeps.plan_file import PLAN
 from omnilab_serve.security.links import outward_link, sentence
@@ -36,21 +37,23 @@ def record_at(path: str, root: Path, sections: SectionReader) -> RunRecord:
     sweep = _sweep_of(path, root)
     try:
         _check_links(path, root)
+        _check_size(run)
         state, manifest, status, progress = run.state, run.manifest, run.status, run.progress
         metrics = {name: value if math.isfinite(value) else None for name, value in run.metrics.items()}
         intervals = {name: pair for name, pair in run.intervals.items() if all(map(math.isfinite, pair))}
-    except DataError as error:
-        return RunRecord(path, UNREADABLE, started=time_in_name(run.folder.name), error=str(error), sweep=sweep)
-    started = (
-        _instant(progress.began if progress else None) or time_in_name(run.folder.name) or _instant(status.get("time"))
-    )
+    except (DataError, OSError) as error:
+        return RunRecord(
+            path, UNREADABLE, started=time_in_name(run.folder.name), error=encodable(str(error)), sweep=sweep
+        )
+    began = _instant(progress.began if progress else None) or time_in_name(run.folder.name)
+    started = began or _instant(status.get("time"))
     return RunRecord(
         path,
-        state,
-        experiment=manifest["experiment"],
-        overrides=[word for word in manifest["overrides"] if not word.startswith("experiment=")],
+        encodable(state),
+        experiment=encodable(manifest["experiment"]),
+        overrides=[encodable(word) for word in manifest["overrides"] if not word.startswith("experiment=")],
         components=_components(manifest.get("components")),
-        settings=_settings(run, sections),
+        settings=encodable(_settings(run, sections)),
         metrics=metrics,
         intervals=intervals,
         units=run.units,
@@ -63,6 +66,19 @@ def record_at(path: str, root: Path, sections: SectionReader) -> RunRecord:
     )
 
 
+def encodable(value: Any) -> Any:
+    """The same, with question marks for halves of characters: JSON and YAML can say them, and no page or answer can be made of them."""
+    match value:
+        case str():
+            return value if value.isascii() else value.encode("utf-8", "replace").decode()
+        case dict():
+            return {encodable(name): encodable(member) for name, member in value.items()}
+        case list() | tuple():
+            return list(map(encodable, value))
+        case _:
+            return value
+
+
 def _check_links(path: str, root: Path) -> None:
     """DataError for a run whose files lie elsewhere: who may read the logs may not read those."""
     try:
@@ -73,6 +89,13 @@ def _check_links(path: str, root: Path) -> None:
         raise DataError(sentence(path, link))
 
 
+def _check_size(run: LoadedRun) -> None:
+    """DataError for metrics that would fill the memory: there are some dozens of them."""
+    with suppress(FileNotFoundError):
+        if (size := (run.folder / "metrics.csv").stat().st_size) > LARGEST_FILE:
+            raise run.unreadable("metrics.csv", f"it has {size} bytes, more than {LARGEST_FILE}")
+
+
 def stage_progress(progress: RunProgress | None) -> StageProgress | None:
     """How far a run is, as the API has it."""
     return StageProgress(progress.fraction or 0.0, progress.words, progress.left_s) if progress else None
@@ -80,12 +103,12 @@ def stage_progress(progress: RunProgress | None) -> StageProgress | None:
 
 def _text(content: object, name: str) -> str | None:
     value = content.get(name) if isinstance(content, dict) else None
-    return value if isinstance(value, str) else None
+    return encodable(value) if isinstance(value, str) else None
 
 
 def _components(content: object) -> dict[str, str]:
     slots = content if isinstance(content, dict) else {}
-    return {slot: name for slot, found in slots.items() if (name := _text(found, "name"))}
+    return {encodable(slot): name for slot, found in slots.items() if (name := _text(found, "name"))}
 
 
 def _settings(run: LoadedRun, sections: SectionReader) -> dict[str, Any]:
@@ -99,12 +122,18 @@ def _settings(run: LoadedRun, sections: SectionReader) -> dict[str, Any]:
 
 @lru_cache(maxsize=10_000)
 def _value(text: str) -> Any:
-    """A setting's value, of the text that an override would have."""
+    """A setting's value, of the text that an override would have; numbers that JSON does not know stay texts."""
     try:
-        value = json.loads(text)
+        return json.loads(text, parse_float=_finite, parse_constant=_finite)
     except (ValueError, RecursionError):
         return text
-    return text if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(text)
+    return value
 
 
 def _sweep_of(path: str, root: Path) -> str | None:

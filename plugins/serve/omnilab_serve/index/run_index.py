@@ -86,12 +86,14 @@ class RunIndex:
         try:
             self._begin(cache)
             while not self._stop.wait(self._pause_s):
-                self._poll(cache)
-        except Exception:
-            log.exception("runs are watched no more, and what the page shows grows old; start omnilab serve again")
-            raise
+                try:
+                    self._poll(cache)
+                except OSError as error:  # a disk that is away for a while
+                    log.warning("the runs could not be looked at (%s); this is tried again", error)
+                    self._pause_s = LONGEST_S
         finally:
             cache.close()
+            self._complete.set()
 
     def _begin(self, cache: RecordCache) -> None:
         """Everything there is: from the cache what has not changed since, from the folders the rest."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from omnilab.client import SweepRecord
 from omnilab.runner.sweeps.snapshot import Snapshot
 from omnilab.runner.sweeps.status_table import state
-from omnilab_serve.index.records import time_in_name
+from omnilab_serve.index.records import encodable, time_in_name
 
 
 def sweep_record(seen: Snapshot, path: str) -> SweepRecord:
@@ -14,14 +14,14 @@ def sweep_record(seen: Snapshot, path: str) -> SweepRecord:
     return SweepRecord(
         path,
         state(seen),
-        experiment=plan.experiment if plan else "",
-        command=plan.command if plan else [],
-        parameters=plan.parameters if plan else _parameters(seen),
+        experiment=encodable(plan.experiment) if plan else "",
+        command=encodable(plan.command) if plan else [],
+        parameters=encodable(plan.parameters if plan else _parameters(seen)),
         counts=seen.sweep.counts,
         goes_on=seen.goes_on,
         fraction=seen.fraction,
         left_s=seen.left_s,
-        started=plan.time if plan else _started(seen),
+        started=encodable(plan.time) if plan else _started(seen),
     )
 
 
