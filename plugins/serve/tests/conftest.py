@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import shutil
 import socket
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -105,3 +107,35 @@ def finished_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
             main([*words, f"logs={logs}"])
         assert ended.value.code == 0
     return logs
+
+
+RUNS_ON = """
+import json, os, pathlib, sys
+from omnilab.runner.run_folder.lock import RunLock
+folder = pathlib.Path(sys.argv[1])
+lock = RunLock.take(folder)
+(folder / "status.json").write_text(json.dumps({"status": "running", "pid": os.getpid()}))
+print("begun", flush=True)
+sys.stdin.readline()
+"""
+
+
+@pytest.fixture
+def runs_on() -> Iterator[Callable[[Path], subprocess.Popen[bytes]]]:
+    """`runs_on(folder)`: a process that runs what is in a folder, as far as others see, until it is killed."""
+    started = []
+
+    def start(folder: Path) -> subprocess.Popen[bytes]:
+        process = subprocess.Popen(
+            [sys.executable, "-c", RUNS_ON, str(folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        started.append(process)
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"begun\n"
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()

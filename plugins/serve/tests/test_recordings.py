@@ -12,15 +12,6 @@ import pytest
 from omnilab.runner.run_folder import load_run
 
 SLOWLY = ["experiment=quickstart", "study.query_count=60", "study.step_m=0.5", "sensor.size=64", "cache=off"]
-HOLD = """
-import json, os, pathlib, sys
-from omnilab.runner.run_folder.lock import RunLock
-folder = pathlib.Path(sys.argv[1])
-lock = RunLock.take(folder)
-(folder / "status.json").write_text(json.dumps({"status": "running", "pid": os.getpid()}))
-print("held", flush=True)
-sys.stdin.read()
-"""
 
 
 def open_files():
@@ -65,25 +56,23 @@ def test_a_finished_recording_is_sent_whole_under_both_names(serve, finished_run
         assert answer.headers["content-type"] == "application/octet-stream"
 
 
-def test_a_run_that_goes_on_is_left_when_the_reader_goes(serve):
+def test_a_run_that_goes_on_is_left_when_the_reader_goes(serve, runs_on):
     """No thread and no file stays with a reader that is gone."""
     served = serve()
     run = served.settings.logs / "grid" / "a"
     run.mkdir(parents=True)
     (run / "run.rrd").write_bytes(b"RRF2 and more")
-    held = subprocess.Popen([sys.executable, "-c", HOLD, str(run)], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-    try:
-        assert held.stdout.readline() == b"held\n"
-        with served.client.stream("GET", "/recording/grid/a") as answer:
-            parts = answer.iter_raw()
-            assert next(parts) == b"RRF2 and more"
-            with (run / "run.rrd").open("ab") as out:
-                out.write(b", appended")
-            assert next(parts) == b", appended"
-        while any(name.endswith("a/run.rrd") for name in open_files()):
-            time.sleep(0.05)
-    finally:
-        held.communicate()
+    process = runs_on(run)
+    with served.client.stream("GET", "/recording/grid/a") as answer:
+        parts = answer.iter_raw()
+        assert next(parts) == b"RRF2 and more"
+        with (run / "run.rrd").open("ab") as out:
+            out.write(b", appended")
+        assert next(parts) == b", appended"
+    while any(name.endswith("a/run.rrd") for name in open_files()):
+        time.sleep(0.05)
+    process.kill()
+    process.wait()
     assert served.client.get("/recording/grid/a").content == b"RRF2 and more, appended"
 
 

@@ -6,21 +6,9 @@ import csv
 import json
 import shutil
 import signal
-import subprocess
-import sys
 from datetime import UTC, datetime
 
 import pytest
-
-BEGIN = """
-import json, os, pathlib, sys
-from omnilab.runner.run_folder.lock import RunLock
-folder = pathlib.Path(sys.argv[1])
-lock = RunLock.take(folder)
-(folder / "status.json").write_text(json.dumps({"status": "running", "pid": os.getpid()}))
-print("begun", flush=True)
-sys.stdin.readline()
-"""  # a process that runs what is in a folder, as far as others see
 
 
 @pytest.fixture
@@ -40,21 +28,12 @@ def tab(tab):
 
 
 @pytest.fixture
-def running(logs):
-    """The run goes on, in a process of its own."""
+def running(logs, runs_on):
+    """The process of the run, which goes on; its results are beside the logs."""
     run = logs / "grid" / "a"
     for name in ("metrics.csv", "queries.csv", "run.lock", "status.json"):
         (run / name).rename(logs.parent / name)
-    process = subprocess.Popen(
-        [sys.executable, "-c", BEGIN, str(run)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-    )
-    assert process.stdout.readline() == b"begun\n"
-    yield process
-    process.kill()
-    process.communicate()
+    return runs_on(run)
 
 
 def note(run, done):
@@ -165,33 +144,17 @@ DAMAGE = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "content"), [(name, content) for name, texts in DAMAGE.items() for content in texts])
-def test_a_damaged_run_shows_what_there_is(served_damage, name, content):
-    client, run = served_damage
-    before = (run / name).read_bytes() if (run / name).exists() else None
-    (run / name).write_bytes(content.encode("utf-8", "surrogateescape"))
-    try:
-        answer = client.get("/runs/grid/a")
-        settings = client.get("/parts/run-settings/grid/a")
-    finally:
-        (run / name).unlink() if before is None else (run / name).write_bytes(before)
-    assert answer.status_code == settings.status_code == 200
-    assert "/files/grid/a/run.rrd" in answer.text
-    if name in {"status.json", "metrics.csv"} or content == "{":
-        assert "omnilab repair" in answer.text
-
-
-@pytest.fixture(scope="module")
-def damaged_logs(tmp_path_factory, finished_runs):
-    run = next(file.parent for file in finished_runs.glob("quickstart/*/status.json"))
-    logs = tmp_path_factory.mktemp("damaged") / "logs"
-    shutil.copytree(run, logs / "grid" / "a")
-    return logs
-
-
-@pytest.fixture
-def served_damage(serve, damaged_logs):
-    return serve(logs=damaged_logs).client, damaged_logs / "grid" / "a"
+def test_a_damaged_run_shows_what_there_is(serve, logs):
+    client, run = serve(logs=logs).client, logs / "grid" / "a"
+    for name, content in [(name, content) for name, texts in DAMAGE.items() for content in texts]:
+        before = (run / name).read_bytes() if (run / name).exists() else b""
+        (run / name).write_bytes(content.encode("utf-8", "surrogateescape"))
+        answer, settings = client.get("/runs/grid/a"), client.get("/parts/run-settings/grid/a")
+        (run / name).write_bytes(before)
+        assert (answer.status_code, settings.status_code) == (200, 200), (name, content)
+        assert "/files/grid/a/run.rrd" in answer.text
+        if name in {"status.json", "metrics.csv"} or content == "{":
+            assert "omnilab repair" in answer.text, (name, content)
 
 
 def test_a_run_in_a_folder_of_an_odd_name_has_its_page_and_files(serve, tab, logs):
@@ -206,6 +169,14 @@ def test_a_run_in_a_folder_of_an_odd_name_has_its_page_and_files(serve, tab, log
     assert served.client.get(href).text == (logs / "grid" / odd / "config.yaml").read_text()
     tab.locator("#configuration summary").click()
     tab.locator("#configuration pre").wait_for()
+
+
+def test_a_job_leads_to_its_sweep(serve, tab, finished_runs):
+    job = next(file.parent for file in finished_runs.glob("quickstart/*/0/status.json"))
+    served = serve(logs=finished_runs)
+    tab.goto(f"{served.url}/runs/{job.relative_to(finished_runs)}")
+    sweep = job.parent.relative_to(finished_runs)
+    assert tab.locator(".trail a").last.get_attribute("href") == f"/sweeps/{sweep}"
 
 
 def test_what_is_no_run_has_no_page(serve, logs):

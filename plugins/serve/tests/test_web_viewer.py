@@ -6,7 +6,6 @@ import gzip
 import os
 import stat
 import threading
-import time
 from pathlib import Path
 
 import cv2
@@ -31,6 +30,11 @@ def children() -> set[str]:
         if parent == str(os.getpid()) and "serve-web" in command:
             found.add(command)
     return found
+
+
+def is_open(file: Path) -> bool:
+    """Whether the service, which is in this process, reads a file."""
+    return any(link.is_symlink() and link.readlink() == file for link in Path("/proc/self/fd").iterdir())
 
 
 def program(folder: Path, text: str) -> Path:
@@ -90,6 +94,14 @@ def floor_share(picture: bytes) -> float:
     return float(np.mean((red > 1.15 * green) & (green > 1.2 * blue) & (red > 80)))
 
 
+def seen(tab) -> float:
+    """The share of the floor in what the viewer shows, once there is some."""
+    tab.locator("#viewer-state").wait_for(state="hidden", timeout=120_000)
+    while (share := floor_share(tab.locator("canvas").screenshot(timeout=120_000))) < 0.03:
+        tab.wait_for_timeout(500)
+    return share
+
+
 @pytest.mark.slow  # a browser that draws without a graphics card
 def test_a_browser_shows_the_room_and_asks_no_other_host(serve, tab, finished_runs):
     served = serve(logs=finished_runs)
@@ -100,10 +112,7 @@ def test_a_browser_shows_the_room_and_asks_no_other_host(serve, tab, finished_ru
     )
     run = next(finished_runs.glob("quickstart/*/run.rrd")).parent
     tab.goto(f"{served.url}/viewer/quickstart/{run.name}")
-    tab.locator("#viewer-state").wait_for(state="hidden", timeout=120_000)
-    while (share := floor_share(tab.locator("canvas").screenshot(timeout=120_000))) < 0.03:
-        time.sleep(0.5)
-    assert share < 0.9
+    assert seen(tab) < 0.9
     assert f"{served.url}/recording/quickstart/{run.name}/run.rrd" in asked
     assert {url.split("/", 3)[2] for url in asked} == {f"127.0.0.1:{served.settings.port}"}
     assert all(
@@ -112,6 +121,25 @@ def test_a_browser_shows_the_room_and_asks_no_other_host(serve, tab, finished_ru
     held = tab.evaluate("performance.getEntriesByType('resource').map(entry => [entry.name, entry.encodedBodySize])")
     (size,) = (size for name, size in held if name.endswith(".wasm"))
     assert size < 20e6
+
+
+@pytest.mark.slow  # as above
+def test_the_room_is_seen_while_the_run_goes_on_and_after_it_was_killed(serve, tab, finished_runs, tmp_path, runs_on):
+    """The recording ends within a message, as one that is being written, or was left by a kill."""
+    run = tmp_path / "logs" / "grid" / "a"
+    run.mkdir(parents=True)
+    whole = next(finished_runs.glob("quickstart/*/run.rrd")).read_bytes()
+    (run / "run.rrd").write_bytes(whole[: len(whole) * 2 // 3])
+    process = runs_on(run)
+    tab.goto(f"{serve().url}/viewer/grid/a")
+    seen(tab)
+    assert is_open(run / "run.rrd")
+    process.kill()
+    while is_open(run / "run.rrd"):
+        tab.wait_for_timeout(100)
+    tab.wait_for_timeout(2000)  # in which it would show a failure
+    assert seen(tab) < 0.9
+    assert not tab.locator("#viewer-state").is_visible()
 
 
 @pytest.mark.slow  # it is unpacked

@@ -5,6 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter, Request
 from starlette.responses import FileResponse, HTMLResponse, Response, StreamingResponse
 
+from omnilab.errors import DataError
 from omnilab.runner.run_folder import RUNNING
 from omnilab_serve.rendering import page
 from omnilab_serve.run_details.files import RECORDING, open_file
@@ -41,8 +42,13 @@ def run_viewer(request: Request, path: str, service: Here) -> HTMLResponse:
 
 def viewer_page(request: Request, recording: str) -> HTMLResponse:
     """A page with nothing but the viewer, which shows the recording at a path of ours, whose name ends in .rrd."""
-    viewer.ready()
-    shown = page(request, "viewer.html", recording=recording, version=viewer.version)
+    problem = ""
+    try:
+        viewer.ready()
+    except DataError as error:
+        problem = str(error)
+    content = {"recording": recording, "version": viewer.version, "problem": problem}
+    shown = page(request, "viewer.html", 422 if problem else 200, **content)
     shown.headers["Content-Security-Policy"] = POLICY
     shown.headers["X-Frame-Options"] = "SAMEORIGIN"
     return shown

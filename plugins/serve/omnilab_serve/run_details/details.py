@@ -22,7 +22,7 @@ from omnilab.runner.run_folder import (
     LoadedRun,
 )
 from omnilab.runner.terminal import short
-from omnilab_serve.run_details.files import RECORDING, run_files
+from omnilab_serve.run_details.files import MOST_FILES, RECORDING, run_files
 from omnilab_serve.run_details.log_text import LogPassage, log_tail, passages
 from omnilab_serve.run_details.queries import worst_queries
 
@@ -48,6 +48,7 @@ class RunDetails:
 
     run: LoadedRun
     record: RunRecord
+    most_files = MOST_FILES
 
     @property
     def failed(self) -> bool:
