@@ -13,17 +13,10 @@ from omnilab.runner.input_files import leaves
 from omnilab.runner.overrides.composition import Composition, check_build, compose, compose_job
 from omnilab.runner.overrides.doubts import is_choice
 from omnilab.runner.registry import Registry
+from omnilab_serve.composing.composer import SettingError
 from omnilab_serve.composing.network import Bounds, check_places, check_words, is_sweep
 
 CHECKED = 12  # jobs of a sweep that are composed and built
-
-
-class RefusedSettingError(ConfigError):
-    """A ConfigError about one setting, as far as its sentence tells."""
-
-    def __init__(self, sentence: str, setting: str | None) -> None:
-        super().__init__(sentence)
-        self.setting = setting
 
 
 def check(
@@ -36,10 +29,12 @@ def check(
 ) -> dict[str, Any]:
     """What overrides come to: experiment, number of jobs, the words of the command, the values that a sweep varies."""
     known = [word.partition("=")[0] for word in overrides]
+    bounds, words = Bounds(logs, inputs), list(overrides)
     try:
-        bounds = Bounds(logs, inputs)
         experiment = check_words(overrides, registry, bounds)
-        words = list(overrides)
+    except OmnilabError as error:
+        raise SettingError(str(error), setting_of(str(error), known)) from error
+    try:
         if is_sweep(overrides, registry):
             if not re.fullmatch(r"\w+", launcher):
                 raise ConfigError(f"launcher={launcher} is no name; give basic, or one that is installed")
@@ -51,7 +46,7 @@ def check(
             check_build(config, registry)
     except OmnilabError as error:
         found = setting_of(str(error), known) or _choice_of(str(error), overrides, registry)
-        raise RefusedSettingError(str(error), found) from error
+        raise SettingError(str(error), found) from error
     swept = {name: list(values) for name, values in composed.swept.items()}
     return {"experiment": experiment, "jobs": composed.jobs, "command": words, "swept": swept}
 
@@ -89,7 +84,5 @@ def setting_of(sentence: str, known: Iterable[str]) -> str | None:
     ]
     if found:
         return min(found)[2]
-    dotted = re.match(
-        r"'?([a-z_]+(?:\.\w+)+)", sentence
-    )  # a setting that has no value yet is none of a configuration's
+    dotted = re.match(r"'?([a-z_]+(?:\.\w+)+)", sentence)  # one without a value is no setting of a configuration yet
     return dotted[1] if dotted else None

@@ -20,7 +20,6 @@ from omnilab_serve.composing.catalog import check_recipe, described, settings
 from omnilab_serve.composing.pictures import worlds_of
 
 HIDDEN = {"logs", "objective"}  # settings of the run that the form leaves to its free overrides, or to the service
-UNSET = "???"
 
 
 def form(registry: Registry, experiment: str, choices: Sequence[str] = ()) -> dict[str, Any]:
@@ -64,21 +63,17 @@ def _slots(config: DictConfig) -> Iterator[tuple[str, str, Any]]:
 def _slot(path: str, kind: str, value: Any, recipe: DictConfig, registry: Registry) -> dict[str, Any]:
     component = _component(kind, value, registry)
     before = _component(kind, OmegaConf.select(recipe, path), registry)
+    declared = settings(component.cls) if component else ()
+    choice = path if path == kind else None if kind in MANY else f"{kind}@{path}"  # what an override chooses it by
     return {
         "path": path,
         "kind": kind,
-        "choice": None
-        if kind in MANY
-        else path
-        if path == kind
-        else f"{kind}@{path}",  # what an override chooses it by
+        "choice": choice,
         "name": component.name if component else None,
         "recipe": before.name if before else None,
         "summary": component.summary if component else KINDS[kind].summary,
         "names": {name: registry.get(kind, name).summary for name in registry.names(kind)},
-        "settings": [_setting(each, f"{path}.{each['name']}", value) for each in settings(component.cls)]
-        if component
-        else [],
+        "settings": [_setting(each, f"{path}.{each['name']}", value) for each in declared],
     }
 
 

@@ -55,7 +55,7 @@ def check_words(words: Sequence[str], registry: Registry, bounds: Bounds) -> str
     check_recipe(name)
     written = written_settings(registry)
     for word in for_hydra(["-m", *words], registry)[1:]:
-        if (override := parse_override(word)) is not None:
+        if not is_choice(word.partition("=")[0]) and (override := parse_override(word)) is not None:
             for setting, text in texts(override.key_or_group, override.value()):
                 _check_text(word, setting, text, written, bounds)
     return name
@@ -80,6 +80,8 @@ def _check_word(word: str, registry: Registry) -> None:
         raise ConfigError(f"{word[:60]}... has {len(word)} characters; give up to {LONGEST_WORD}")
     if sum(map(word.count, "[{(")) > MOST_BRACKETS:
         raise ConfigError(f"{word[:60]}... has more than {MOST_BRACKETS} brackets; give fewer")
+    if "\0" in word:
+        raise ConfigError(f"{key} holds the character NUL, which no name and no path has; leave it out")
     if word.startswith("-"):
         raise ConfigError(f"{word} is an option, which is not taken from elsewhere; give overrides as NAME=VALUE")
     if "${" in word:

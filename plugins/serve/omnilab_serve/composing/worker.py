@@ -13,7 +13,8 @@ from typing import IO, Any
 from omnilab.errors import OmnilabError, of_machine
 from omnilab.runner.registry import Registry, discover
 from omnilab_serve.composing.catalog import catalog
-from omnilab_serve.composing.checking import RefusedSettingError, check
+from omnilab_serve.composing.checking import check
+from omnilab_serve.composing.composer import SettingError
 from omnilab_serve.composing.form import form
 from omnilab_serve.composing.pictures import picture
 
@@ -50,7 +51,7 @@ def answer(line: str, registry: Registry) -> dict[str, Any]:
     try:
         request = json.loads(line)
         return {"result": CALLS[request["call"]](registry, **request["arguments"])}
-    except RefusedSettingError as refused:
+    except SettingError as refused:
         return {"refused": str(refused), "setting": refused.setting}
     except Exception as error:  # noqa: BLE001  the next request may be a better one
         if mistake := error if isinstance(error, OmnilabError) else of_machine(error):
