@@ -61,7 +61,7 @@ class Client:
 
     def compare(self, paths: Sequence[str]) -> Mapping[str, Any]:
         """How runs differ, as `omnilab compare --json` has it."""
-        return read(Mapping[str, Any], self._connection.request("GET", "/api/compare", {"run": list(paths)}))
+        return read(dict[str, Any], self._connection.request("GET", "/api/compare", {"run": list(paths)}))
 
     def components(self) -> Sequence[ComponentRecord]:
         """What is installed there."""

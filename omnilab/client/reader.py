@@ -38,7 +38,7 @@ def _read(kind: Any, data: Any, place: str) -> Any:
     if origin is Sequence:
         items = _of_type(data, list, "an array", place)
         return [_read(parameters[0], item, f"{place}[{i}]") for i, item in enumerate(items)]
-    if origin is Mapping:
+    if origin in {Mapping, dict}:
         entries = _of_type(data, dict, "an object", place)
         return {name: _read(parameters[1], value, f"{place}.{name}") for name, value in entries.items()}
     if kind is float and type(data) is int:
