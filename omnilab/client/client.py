@@ -5,13 +5,18 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any, TypeVar
 
+from omnilab.atomic_files import write_whole
 from omnilab.client.connection import Connection
 from omnilab.client.models import (
     CheckedRequest,
     ComponentRecord,
+    LogTail,
+    PluginFailure,
     RecipeRecord,
+    RunFile,
     RunPage,
     RunRecord,
     Session,
@@ -71,9 +76,30 @@ class Client:
         """The experiments that are shipped there."""
         return read_each(RecipeRecord, self._connection.request("GET", "/api/recipes"))
 
+    def component(self, kind: str, name: str) -> ComponentRecord:
+        """One of them."""
+        return self._get(ComponentRecord, f"/api/components/{kind}/{name}")
+
+    def failed_plugins(self) -> Sequence[PluginFailure]:
+        """The plugins that could not be loaded there, and why."""
+        return read_each(PluginFailure, self._connection.request("GET", "/api/failed-plugins"))
+
+    # --------------------------------------------------------------------------------------------------------- files
+    def files(self, path: str) -> Sequence[RunFile]:
+        """The files of a run."""
+        return read_each(RunFile, self._connection.request("GET", f"/api/files/{path}"))
+
+    def download(self, path: str, name: str, to: Path) -> None:
+        """A file of a run, by its name as in `files`, written to a place of yours once it is there whole."""
+        write_whole(to, lambda out: out.writelines(self._connection.pieces(f"/files/{path}/{name}")))
+
+    def log(self, path: str, lines: int = 200) -> LogTail:
+        """The end of a run's log."""
+        return self._get(LogTail, f"/api/log/{path}", {"lines": lines})
+
     # ------------------------------------------------------------------------------------------------- what is to run
     def check(self, request: SubmissionRequest) -> CheckedRequest:
-        """What a request comes to; an error in the builder's own sentence for one that cannot be run."""
+        """What a request comes to, without running it; ConfigError with the builder's sentence for one that is refused."""
         return self._change(CheckedRequest, "/api/check", asdict(request))
 
     def submit(self, request: SubmissionRequest) -> Submission:
@@ -87,6 +113,10 @@ class Client:
     def submission(self, identity: str) -> Submission:
         """One of them."""
         return self._get(Submission, f"/api/submissions/{identity}")
+
+    def output(self, identity: str) -> str:
+        """The end of what its process has printed."""
+        return self._get(str, f"/api/submissions/{identity}/output")
 
     def cancel(self, identity: str) -> Submission:
         """Take it out of the queue, or interrupt it."""

@@ -36,7 +36,7 @@ MAY_IMPORT = {
     "metrics": {"api", "errors", "geometry"},
     "posegraph": {"api", "errors", "file_kinds", "geometry"},
     "trajectory": {"api", "errors", "file_kinds", "geometry", "posegraph"},
-    "client": {"errors", "file_kinds"},
+    "client": {"atomic_files", "errors"},
     "cameras": {"api", "atomic_files", "errors", "file_kinds", "geometry"},
     "image": {"api", "errors", "cameras"},
     "": {"api", "hooks", "renamed"},

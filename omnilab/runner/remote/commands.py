@@ -26,7 +26,7 @@ def submit(argv: list[str]) -> int:
     options = parser.parse_intermixed_args(argv)
     client = Client(options.server, options.token)
     found = client.submit(SubmissionRequest(options.overrides, options.priority, options.launcher))
-    sys.stdout.write(f"{found.id} {client.url}/queue\n")
+    sys.stdout.write(f"{found.id} {client.url}/queue/{found.id}\n")
     sys.stdout.flush()
     return wait(client, found.id) if options.wait else 0
 
@@ -45,7 +45,7 @@ def wait(client: Client, identity: str) -> int:
     try:
         found = client.wait(identity, watch=show)
     except KeyboardInterrupt:
-        print_error(f"no longer waiting; {identity} goes on at {client.url}/queue")
+        print_error(f"no longer waiting; {identity} goes on at {client.url}/queue/{identity}")
         return 130
     print_error(": ".join(filter(None, [f"{found.path or identity} {found.state}", found.error])))
     return EXIT_CODES[found.state]

@@ -6,12 +6,14 @@ import math
 
 import pytest
 
-from omnilab.client import Client
+from omnilab.client import Client, SubmissionRequest
 from omnilab.errors import ConfigError, DataError
 from omnilab.runner.cli import main
+from omnilab.runner.registry import discover
 from omnilab.runner.run_folder import find_runs
 
 TOKEN = "a-token-of-the-tests"
+RUN = ["experiment=quickstart", "study.query_count=6", "study.step_m=1.0", "sensor.size=64", "cache=off"]
 
 
 def called(*words: str) -> object:
@@ -73,3 +75,85 @@ def test_a_change_is_asked_for_with_the_token_of_the_session(serve):
     served.app.state.csrf = "of another start"
     with pytest.raises(ConfigError, match="load it again"):
         client.cancel("nothing")
+
+
+def test_files_of_a_run_are_downloaded_whole(serve, finished_runs, tmp_path):
+    client = Client(serve(logs=finished_runs).url)
+    path = client.runs().runs[0].path
+    files = {file.name: file.size for file in client.files(path)}
+    assert {"metrics.csv", "run.rrd", "run.log"} <= files.keys()
+    for name in ("metrics.csv", "run.rrd"):
+        client.download(path, name, tmp_path / name)
+        assert (tmp_path / name).read_bytes() == (finished_runs / path / name).read_bytes()
+        assert (tmp_path / name).stat().st_size == files[name]
+    with pytest.raises(DataError, match="has no file"):
+        client.download(path, "nothing.txt", tmp_path / "nothing.txt")
+    assert sorted(file.name for file in tmp_path.iterdir() if file.is_file()) == ["metrics.csv", "run.rrd"]
+    log = client.log(path, 3)
+    assert list(log.lines) == (finished_runs / path / "run.log").read_text(encoding="utf-8").splitlines()[-3:]
+
+
+def test_sweeps_are_those_on_the_disk(serve, finished_runs):
+    client = Client(serve(logs=finished_runs).url)
+    (sweep,) = client.sweeps()
+    assert sweep.counts["done"] == 2
+    assert sweep.parameters == {"seed": ["3", "4"]}
+
+
+@pytest.mark.slow
+def test_what_is_installed_is_that_of_here(serve):
+    client = Client(serve().url)
+    registry = discover("")
+    found = client.components()
+    assert {(one.kind, one.name) for one in found} == {(c.kind, c.name) for c in registry.components.values()}
+    assert client.component("descriptor", "radon") in found
+    assert {"grid", "quickstart"} <= {recipe.name for recipe in client.recipes()}
+    assert client.failed_plugins() == []
+
+
+@pytest.mark.slow
+def test_a_request_is_checked_in_the_builders_words(serve):
+    client = Client(serve().url)
+    found = client.check(SubmissionRequest(["experiment=quickstart", "seed=1,2"]))
+    assert (found.experiment, found.jobs, found.swept) == ("quickstart", 2, {"seed": ["1", "2"]})
+    with pytest.raises(ConfigError, match=r"descriptor.angles"):
+        client.check(SubmissionRequest(["experiment=quickstart", "descriptor.angles=1"]))
+    with pytest.raises(ConfigError, match="overrides"):
+        client.check(SubmissionRequest("experiment=quickstart"))
+
+
+@pytest.mark.slow
+def test_a_run_is_submitted_waited_for_and_exits_as_it_did(serve, capsys):
+    served = serve()
+    client = Client(served.url)
+    assert called("submit", *RUN, "--server", served.url, "--wait", "seed=1") == 0
+    printed = capsys.readouterr()
+    identity, address = printed.out.split()
+    assert address == f"{served.url}/queue/{identity}"
+    submission = client.submission(identity)
+    assert submission.path is not None
+    assert f"{submission.path} done" in printed.err
+    assert client.run(submission.path).state == "done"
+    assert called("submit", *RUN, "descriptor.angles=1", "--server", served.url) == 2
+    assert "descriptor.angles=1" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_queue_is_led_from_elsewhere(serve):
+    client = Client(serve().url)
+    first = client.submit(SubmissionRequest([*RUN, "study.query_count=2000"]))
+    second = client.submit(SubmissionRequest([*RUN, "seed=1,2"]))
+    assert client.prioritise(second.id, 5).priority == 5
+    assert client.cancel(second.id).state == "cancelled"
+    client.cancel(first.id)
+    assert client.wait(first.id, 200).state in {"cancelled", "interrupted"}
+    assert {found.id for found in client.submissions()} == {first.id, second.id}
+    again = client.retry(second.id)
+    sweep = client.wait(again.id, 200)
+    assert (sweep.state, sweep.sweep) == ("done", True)
+    assert sweep.path is not None
+    assert client.sweep(sweep.path).counts["done"] == 2
+    assert "seed" in client.output(again.id)
+    assert client.wait(client.resume(sweep.path).id, 200).path == sweep.path
+    with pytest.raises((ConfigError, DataError)):
+        client.interrupt(sweep.path)
