@@ -76,6 +76,14 @@ class Client:
         """The experiments that are shipped there."""
         return read_each(RecipeRecord, self._connection.request("GET", "/api/recipes"))
 
+    def recipe(self, name: str) -> Mapping[str, Any]:
+        """A recipe's slots, what fills them, and every setting with its value."""
+        return read(dict[str, Any], self._connection.request("GET", f"/api/recipes/{name}"))
+
+    def run_settings(self) -> Sequence[Mapping[str, Any]]:
+        """A run's own settings, beside those of its components, as `omnilab plugins --json` has them."""
+        return read_each(dict[str, Any], self._connection.request("GET", "/api/run-settings"))
+
     def component(self, kind: str, name: str) -> ComponentRecord:
         """One of them."""
         return self._get(ComponentRecord, f"/api/components/{kind}/{name}")
@@ -92,6 +100,10 @@ class Client:
     def download(self, path: str, name: str, to: Path) -> None:
         """A file of a run, by its name as in `files`, written to a place of yours once it is there whole."""
         write_whole(to, lambda out: out.writelines(self._connection.pieces(f"/files/{path}/{name}")))
+
+    def report(self, path: str, to: Path) -> None:
+        """A run or a sweep as one HTML file, as `omnilab report` writes it, written to a place of yours."""
+        write_whole(to, lambda out: out.writelines(self._connection.pieces(f"/api/reports/{path}")))
 
     def log(self, path: str, lines: int = 200) -> LogTail:
         """The end of a run's log."""

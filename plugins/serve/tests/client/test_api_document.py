@@ -12,7 +12,7 @@ from fastapi.routing import APIRoute
 from omnilab.client import Client, models
 from omnilab_serve import api
 
-MODELS = {name: cls for name, cls in inspect.getmembers(models, dataclasses.is_dataclass)}
+MODELS = dict(inspect.getmembers(models, dataclasses.is_dataclass))
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import pytest
@@ -101,6 +102,18 @@ def test_sweeps_are_those_on_the_disk(serve, finished_runs):
 
 
 @pytest.mark.slow
+def test_comparisons_and_reports_are_those_of_the_commands(serve, finished_runs, tmp_path, capsys):
+    client = Client(serve(logs=finished_runs).url)
+    paths = [run.path for run in client.runs(limit=2).runs]
+    assert called("compare", *(str(finished_runs / path) for path in paths), "--json") == 0
+    local = json.loads(capsys.readouterr().out)
+    found = client.compare(paths)
+    assert found["paired"] == local["paired"]
+    client.report(paths[0], tmp_path / "report.html")
+    assert "<html" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
 def test_what_is_installed_is_that_of_here(serve):
     client = Client(serve().url)
     registry = discover("")
@@ -109,6 +122,8 @@ def test_what_is_installed_is_that_of_here(serve):
     assert client.component("descriptor", "radon") in found
     assert {"grid", "quickstart"} <= {recipe.name for recipe in client.recipes()}
     assert client.failed_plugins() == []
+    assert client.recipe("quickstart")
+    assert "seed" in json.dumps(client.run_settings())
 
 
 @pytest.mark.slow

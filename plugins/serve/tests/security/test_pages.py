@@ -40,12 +40,12 @@ def addresses(runs: list[str], sweeps: list[str]) -> Iterator[str]:
             assert isinstance(route, APIRoute)
             if "GET" in route.methods and not route.path.startswith(NOT_PAGES):
                 kinds = sweeps if "sweep" in route.path else runs
-                names = [parameter.name for parameter in route.dependant.query_params]
+                names = [parameter.alias for parameter in route.dependant.query_params]
                 yield from (route.path.replace("{path:path}", quote(path)) for path in kinds if "{" in route.path)
                 if "{" not in route.path:
                     yield route.path
-                if "runs" in names:
-                    yield f"{route.path}?{urlencode({'runs': runs[:2]}, doseq=True)}"
+                if "run" in names:
+                    yield f"{route.path}?{urlencode({'run': runs[:2]}, doseq=True)}"
 
 
 def settle(tab) -> None:

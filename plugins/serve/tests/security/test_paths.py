@@ -113,7 +113,7 @@ def test_no_route_leads_out_of_the_logs(serve, logs):
 def test_no_query_leads_out_of_the_logs(serve, logs):
     served = serve(logs=logs)
     for route in ROUTES:
-        names = [parameter.name for parameter in route.dependant.query_params]
+        names = [parameter.alias for parameter in route.dependant.query_params]
         if "GET" in route.methods and "{" not in route.path:
             for attack in attacks(logs) if names else []:
                 status, text, _ = answer(served, "GET", f"{route.path}?{urlencode(dict.fromkeys(names, attack))}")
