@@ -10,7 +10,8 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, suppress
 from pathlib import Path
 
 import httpx
@@ -50,6 +51,32 @@ def addresses(process: int) -> set[str]:
     inodes = {str(file.readlink()) for file in Path(f"/proc/{process}/fd").iterdir()}
     rows = [line.split() for kind in ("tcp", "tcp6") for line in Path(f"/proc/net/{kind}").read_text().splitlines()[1:]]
     return {row[1].split(":")[0] for row in rows if row[3] == "0A" and f"socket:[{row[9]}]" in inodes}
+
+
+def with_children(process: int) -> list[int]:
+    """A process and all that it started."""
+    found = [process]
+    for one in found:  # which grows
+        with suppress(FileNotFoundError, ProcessLookupError):  # it has ended
+            for thread in Path(f"/proc/{one}/task").iterdir():
+                found += map(int, (thread / "children").read_text().split())
+    return found
+
+
+@pytest.mark.slow
+def test_rerun_listens_on_this_machine_alone_while_its_viewer_is_unpacked(start, finished_runs, tmp_path):
+    process, url = start("--logs", str(finished_runs), XDG_CACHE_HOME=str(tmp_path))
+    (run, *_) = httpx.get(f"{url}api/runs").json()["runs"]
+    seen: list[set[str]] = []
+    with ThreadPoolExecutor(1) as pool:
+        page = pool.submit(httpx.get, f"{url}viewer/{run['path']}", timeout=120)
+        while not page.done():
+            for one in with_children(process.pid)[1:]:
+                with suppress(FileNotFoundError, PermissionError):
+                    seen.append(addresses(one))
+    assert page.result().status_code == 200
+    assert set().union(*seen) == {"0100007F"}
+    assert addresses(process.pid) == {"0100007F"}
 
 
 def test_it_listens_on_this_machine_alone_and_ends_by_ctrl_c_with_open_streams(start):
