@@ -136,7 +136,8 @@ def test_a_setting_that_is_needed_and_a_component_that_does_not_fit_are_said_at_
 def test_it_starts_from_the_overrides_of_a_run(serve, tab, finished_runs):
     served = serve(logs=finished_runs)
     run = next(r for r in served.client.get("/api/runs").json()["runs"] if r["components"]["descriptor"] == "hog")
-    tab.goto(f"{served.url}/new?from={run['path']}")
+    tab.goto(f"{served.url}/runs/{run['path']}")
+    tab.get_by_text("Start another like it").click()
     tab.wait_for_selector("#command")
     words = tab.locator("#command").inner_text().split()
     assert {"descriptor=hog", "study.query_count=6", "seed=2", "cache=off"} <= {*words}
