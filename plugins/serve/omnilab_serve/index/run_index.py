@@ -99,10 +99,13 @@ class RunIndex:
         """Everything there is: from the cache what has not changed since, from the folders the rest."""
         start_s = time.monotonic()
         self._folders.poll()
-        kept: dict[str, RunRecord] = {}
+        kept, gone = {}, []
         for path, seen, record in cache.load():
-            if path in self._folders.runs and stamp(self._root / path / STATUS) == seen:
+            if path not in self._folders.runs:
+                gone.append(path)
+            elif stamp(self._root / path / STATUS) == seen:
                 kept[path], self._stamps[path] = record, seen
+        cache.save([], gone)
         self._table.put(kept.values())
         missing = sorted(self._folders.runs - kept.keys(), reverse=True)
         for at in range(0, len(missing), BATCH):

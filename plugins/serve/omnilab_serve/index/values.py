@@ -53,8 +53,8 @@ def in_order(records: Iterable[RunRecord], sort: str) -> list[RunRecord]:
     return [*(record for _, record in there), *missing]
 
 
-def _key(value: Any) -> tuple[int, float, str]:
+def _key(value: Any) -> tuple[int, int | float, str]:
     """Numbers by size, then texts."""
     if isinstance(value, int | float):
-        return 0, float(value) if abs(value) < 1e300 else 1e300, ""
+        return 0, value, ""
     return 1, 0.0, str(value).casefold()
