@@ -6,6 +6,14 @@ const canvas = document.getElementById("viewer-canvas");
 const { recording, program } = document.body.dataset;
 const theme = document.documentElement.dataset.theme ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
 
+// The viewer asks without cookies, which a recording may need, and reports to its makers, which is not wanted here.
+const ask = window.fetch.bind(window);
+window.fetch = (what, how) => {
+  const request = new Request(what, { ...how, credentials: "same-origin" });
+  if (request.url.startsWith(`${location.origin}/`)) return ask(request);
+  return Promise.reject(new TypeError(`${new URL(request.url).host} is not asked`));
+};
+
 function failed(error) {
   canvas.remove();
   state.hidden = false;
