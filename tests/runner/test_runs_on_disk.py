@@ -11,7 +11,7 @@ from omnilab.errors import DataError
 from omnilab.hooks import RunSummary
 from omnilab.runner.registry import Registry
 from omnilab.runner.repair import RunsOnDisk
-from omnilab.runner.run_folder import DONE, RunFolder
+from omnilab.runner.run_folder import DONE, RunFolder, origin
 
 MANIFEST = {"experiment": "grid", "overrides": ["seed=3"], "components": {"descriptor": {"name": "radon"}}}
 
@@ -41,3 +41,12 @@ def test_what_is_damaged_counts_as_not_there(folder, damage):
 def test_a_folder_without_a_run_is_refused(tmp_path):
     with pytest.raises(DataError, match="holds no run"):
         RunsOnDisk(Registry()).summary(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("program", "typed"),
+    [("/x/omnilab/__main__.py", "omnilab"), ("/x/bin/omnilab", "omnilab"), ("study.py", "study.py")],
+)
+def test_the_command_of_a_run_is_as_it_would_be_typed(monkeypatch, program, typed):
+    monkeypatch.setattr("sys.argv", [program, "experiment=grid"])
+    assert origin()["command"] == [typed, "experiment=grid"]

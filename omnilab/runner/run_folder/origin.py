@@ -16,8 +16,14 @@ def origin() -> dict[str, Any]:
         "commit": _commit(),
         "python": platform.python_version(),
         "host": {"name": platform.node(), "system": platform.platform(), "cores": os.cpu_count()},
-        "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
+        "command": [_program(), *sys.argv[1:]],
     }
+
+
+def _program() -> str:
+    """As it would be typed: also where it was begun as `python -m omnilab`."""
+    program = Path(sys.argv[0])
+    return "omnilab" if program.match("omnilab/__main__.py") else program.name
 
 
 def _commit() -> str | None:
