@@ -34,8 +34,8 @@ def state_of(folder: Path, sweep: bool, since: str) -> FolderState | None:
     """Of the run or sweep in a folder; None if it says nothing, or (of a sweep) nothing since a time."""
     try:
         return _of_sweep(folder, since) if sweep else _of_run(folder)
-    except DataError as error:
-        return FolderState(FAILED, str(error))
+    except (DataError, OSError) as error:
+        return FolderState(FAILED, str(error)[:LONGEST_ERROR])
 
 
 def _of_run(folder: Path) -> FolderState | None:
@@ -95,6 +95,6 @@ def progress_of(folder: Path, sweep: bool) -> StageProgress | None:
         return None
     try:
         seen = snapshot(load_sweep(folder))
-    except DataError:  # which the sweep's page says
+    except (DataError, OSError):  # which the sweep's page says
         return None
     return StageProgress(seen.fraction, f"{seen.ended} of {seen.total} jobs", seen.left_s)
