@@ -50,7 +50,7 @@ def _read_record(kind: Any, data: dict[str, Any], place: str) -> Any:
     hints = typing.get_type_hints(kind)
     missing = [field.name for field in fields(kind) if _is_needed(field) and field.name not in data]
     if missing:
-        raise DataError(f"{place} has no '{missing[0]}', which every {kind.__name__} has; is that an omnilab server?")
+        raise DataError(f"{place} has no '{missing[0]}', which every {kind.__name__} has; is it of `omnilab serve`?")
     known = [field.name for field in fields(kind) if field.name in data]
     return kind(**{name: _read(hints[name], data[name], f"{place}.{name}") for name in known})
 
@@ -62,6 +62,6 @@ def _is_needed(field: Field[Any]) -> bool:
 def _of_type(data: Any, kind: type[T], what: str, place: str) -> T:
     if type(data) is not kind:  # True is an int, too
         raise DataError(
-            f"{place} is {str(data)[:80]!r}, which is not {what}; the server's omnilab may be another version"
+            f"{place} is {str(data)[:80]!r}, which is not {what}; the server may be of another version"
         )
     return data

@@ -29,7 +29,7 @@ def document(omnilab_here, made):
 
 
 def test_configurations_have_the_statistics_over_seeds(document):
-    assert (document["format"], document["version"]) == ("omnilab comparison", 1)
+    assert (document["format"], document["version"]) == ("omnilab-comparison", 1)
     assert document["settings"] == ["descriptor.angles"]
     first, second = document["configurations"]
     assert (first["name"], first["settings"], first["seeds"]) == ("A", {"descriptor.angles": "45"}, 2)

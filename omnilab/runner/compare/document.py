@@ -13,7 +13,7 @@ from omnilab.runner.compare.paired import PairedErrors, named, paired_errors
 from omnilab.runner.compare.tables import full_text, meanings
 from omnilab.runner.terminal import brief
 
-FORMAT, VERSION = "omnilab comparison", 1
+FORMAT, VERSION = "omnilab-comparison", 1
 
 
 def comparison_document(comparison: RunComparison) -> dict[str, Any]:

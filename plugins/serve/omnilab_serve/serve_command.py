@@ -84,7 +84,7 @@ def listen(settings: ServeSettings, opened: socket.socket, in_browser: bool = Fa
     from omnilab_serve.server import PageServer
 
     def ready() -> None:
-        sys.stderr.write(f"omnilab is at {address(settings)} (Ctrl-C ends the page; runs go on)\n")
+        sys.stderr.write(f"the page is at {address(settings)} (Ctrl-C ends the page; runs go on)\n")
         if in_browser:
             import webbrowser
 

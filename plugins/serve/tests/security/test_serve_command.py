@@ -20,7 +20,7 @@ import pytest
 from omnilab.errors import ConfigError
 from omnilab_serve.serve_command import serve as command
 
-URL = re.compile(r"omnilab is at (http://\S+)")
+URL = re.compile(r"the page is at (http://\S+)")
 
 
 @pytest.fixture
