@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from rerun.chunk import RrdReader
 
 from omnilab.errors import DataError
 from omnilab_serve import commands
@@ -66,6 +68,21 @@ def test_only_what_is_in_the_logs_is_compared(serve, finished_runs, path):
         answer = served.client.get(address, params={"run": path})
         assert answer.status_code == 404
         assert "<script>alert" not in answer.text
+
+
+def test_recordings_become_one_that_the_viewer_shows(serve, finished_runs, compared, tmp_path):
+    served = serve(logs=finished_runs)
+    runs = [("run", path) for path in compared[0][:2]]
+    part = served.client.get("/parts/merged", params=runs, timeout=120)
+    assert part.status_code == 200
+    (address,) = re.findall(r'<iframe class="recording" src="(/merged/[0-9a-f]{32})"', part.text)
+    assert f'data-recording="{address}/runs.rrd"' in served.client.get(address).text
+    file = tmp_path / "runs.rrd"
+    file.write_bytes(served.client.get(f"{address}/runs.rrd").content)
+    curves = {chunk.entity_path for chunk in RrdReader(file).stream() if chunk.entity_path.endswith("error/position_m")}
+    assert len(curves) == 2, "one of each run"
+    for key in ("0" * 32, "..", "x", address.removeprefix("/merged/").upper()):
+        assert served.client.get(f"/merged/{key}/runs.rrd").status_code in (404, 422)
 
 
 def test_what_cannot_be_compared_is_said_in_the_command_s_words(serve, tmp_path):
