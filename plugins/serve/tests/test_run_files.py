@@ -93,12 +93,15 @@ def test_a_link_within_the_run_and_the_link_to_the_newest_are_followed(serve, lo
 
 def test_the_api_lists_files_and_gives_the_end_of_the_log(serve, logs):
     run = logs / "grid" / "a"
-    (run / "inner").symlink_to(logs.parent)
+    (run / "inner").symlink_to("../a")
     (run / "run.log").write_text("".join(f"line {i}\n" for i in range(500)) + "\x1b[31mred\n")
     client = serve(logs=logs).client
     found = {file["name"]: file["size"] for file in client.get("/api/files/grid/a").json()}
     assert found == {file.name: file.stat().st_size for file in run.iterdir() if file.name != "inner"}
     tail = client.get("/api/log/grid/a", params={"lines": 2}).json()
     assert tail == {"lines": ["line 499", "\\x1b[31mred"], "size": (run / "run.log").stat().st_size, "cut": True}
+    (run / os.fsdecode(b"odd\xff.png")).write_bytes(PICTURE)
+    assert "odd\\udcff.png" in {file["name"] for file in client.get("/api/files/grid/a").json()}
+    assert client.get("/runs/grid/a").status_code == 200
     assert client.get("/api/files/grid").status_code == 404
     assert client.get("/api/log/nowhere").status_code == 404

@@ -8,6 +8,7 @@ import stat
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from io import FileIO
+from itertools import islice
 from pathlib import Path
 
 from omnilab.client import RunFile
@@ -69,17 +70,20 @@ def content(file: FileIO, size: int) -> Iterator[bytes]:
 
 def run_files(folder: Path) -> Sequence[RunFile]:
     """The regular files of a run, by name; those in folders below it too, but for links."""
-    found = []
-    for place, _, names in os.walk(folder):
-        for name in names:
-            file = Path(place, name)
-            try:
-                about = file.lstat()
-            except FileNotFoundError:  # a run that goes on renames what it writes
-                continue
-            if stat.S_ISREG(about.st_mode) and not name.endswith(HIDDEN):
-                changed = datetime.fromtimestamp(about.st_mtime, UTC).isoformat(timespec="seconds")
-                found.append(RunFile(file.relative_to(folder).as_posix(), about.st_size, changed))
-        if len(found) >= MOST_FILES:
-            break
-    return sorted(found, key=lambda file: ("/" in file.name, file.name))[:MOST_FILES]
+    found = [file for path in islice(_paths(folder), MOST_FILES) if (file := _run_file(path, folder))]
+    return sorted(found, key=lambda file: ("/" in file.name, file.name))
+
+
+def _paths(folder: Path) -> Iterator[Path]:
+    return (Path(place, name) for place, _, names in os.walk(folder) for name in names if not name.endswith(HIDDEN))
+
+
+def _run_file(file: Path, folder: Path) -> RunFile | None:
+    """None for what is no file, and for one that a run has renamed meanwhile."""
+    try:
+        about = file.lstat()
+        changed = datetime.fromtimestamp(about.st_mtime, UTC).isoformat(timespec="seconds")
+    except (OSError, ValueError, OverflowError):  # a time that no calendar has
+        return None
+    name = file.relative_to(folder).as_posix().encode("utf-8", "backslashreplace").decode()  # it may be no text
+    return RunFile(name, about.st_size, changed) if stat.S_ISREG(about.st_mode) else None
