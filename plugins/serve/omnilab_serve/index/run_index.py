@@ -91,6 +91,9 @@ class RunIndex:
                 except OSError as error:  # a disk that is away for a while
                     log.warning("the runs could not be looked at (%s); this is tried again", error)
                     self._pause_s = LONGEST_S
+                except Exception:  # a bug about one run must not leave a table that is old without a word
+                    log.exception("the runs could not be looked at; this is tried again")
+                    self._pause_s = LONGEST_S
         finally:
             cache.close()
             self._complete.set()

@@ -127,6 +127,24 @@ def test_runs_come_change_and_go(logs, index):
     until(lambda: states(found) == {"grid/z": "done", "grid/b": "failed"})
 
 
+@pytest.mark.parametrize("error", [OSError("the disk is away"), ValueError("a bug about one run")])
+def test_a_look_that_fails_is_said_and_not_the_last(logs, index, monkeypatch, caplog, error):
+    monkeypatch.setattr(run_index, "LONGEST_S", 0.02)
+    found = index()
+    looks = iter([error, error])
+    read = found._folders.poll
+
+    def failing(*arguments):
+        for each in looks:
+            raise each
+        return read(*arguments)
+
+    monkeypatch.setattr(found._folders, "poll", failing)
+    write_run(logs / "grid/a")
+    until(lambda: states(found) == {"grid/a": "done"})
+    assert caplog.text.count("could not be looked at") == 2
+
+
 def test_a_run_that_takes_the_place_of_another_is_read(logs, index):
     write_run(logs / "sweep/0", "interrupted")
     found = index()
