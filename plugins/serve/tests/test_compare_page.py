@@ -53,9 +53,10 @@ def test_a_browser_shows_the_numbers_of_the_command(serve, tab, finished_runs, c
 
 def test_runs_are_chosen_by_ticks(serve, tab, finished_runs, compared):
     served = serve(logs=finished_runs)
-    tab.goto(f"{served.url}/compare")
-    for path in compared[0][:2]:
-        tab.get_by_label(path, exact=True).check()
+    first, second = compared[0][:2]
+    tab.goto(f"{served.url}/compare?run={first}")
+    assert tab.get_by_label(first, exact=True).is_checked(), "one run alone is compared with nothing"
+    tab.get_by_label(second, exact=True).check()
     tab.get_by_role("button", name="Compare").click()
     tab.locator("#metrics").wait_for(timeout=60_000)
     assert tab.locator("thead .key").all_inner_texts()[:2] == ["A", "B"]

@@ -11,6 +11,7 @@ from fastapi import APIRouter, Query, Request
 from starlette.responses import FileResponse, HTMLResponse
 
 from omnilab.errors import ConfigError
+from omnilab.runner.run_folder.names import STATUS
 from omnilab_serve.comparing.charts import error_charts, metric_charts, recall_chart
 from omnilab_serve.comparing.merged import MERGED, merge_recordings
 from omnilab_serve.comparing.words import best_of, ordered
@@ -27,10 +28,11 @@ RunPaths = Annotated[list[str], Query(alias="run", default_factory=list)]
 
 @router.get("/compare")
 def compare(request: Request, service: Here, runs: RunPaths, best: str = "", metric: str = "") -> HTMLResponse:
-    if not runs:
-        found = service.index.search("", limit=CHOICES)
-        return page(request, "compare_choice.html", found=found, sweeps=service.index.sweeps(), chosen=[], q="")
-    folders(service, runs)
+    found = folders(service, runs)
+    if not found or (len(found) == 1 and (found[0] / STATUS).is_file()):  # one run alone is compared with nothing
+        shown = service.index.search("", limit=CHOICES)
+        sweeps = service.index.sweeps()
+        return page(request, "compare_choice.html", found=shown, sweeps=sweeps, chosen=unique(runs), q="")
     return page(request, "compare.html", runs=unique(runs), address=address(runs, best, metric))
 
 
