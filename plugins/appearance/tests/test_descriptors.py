@@ -11,14 +11,37 @@ from skimage.filters import gabor_kernel
 
 from omnilab.errors import ConfigError, DataError
 from omnilab.testing import check_descriptor
-from omnilab_appearance import FourierSignature, Gist, Hog, Radon, RadonGist, RadonHog, Ring, RingKey, TinyImage
+from omnilab_appearance import (
+    FourierPhase,
+    FourierSignature,
+    Gist,
+    GistGrid,
+    Hog,
+    HogGrid,
+    Radon,
+    RadonGist,
+    RadonHog,
+    Ring,
+    RingKey,
+    TinyImage,
+)
 from omnilab_appearance.common.circular_correlation import best_rotations, heading_spectra
 from omnilab_appearance.common.gabor import energies, kernel
 
 RNG = np.random.default_rng(4)
 PANORAMAS = RNG.integers(0, 256, (3, 128, 512), dtype=np.uint8)
 MIRRORS = RNG.integers(0, 256, (3, 96, 96), dtype=np.uint8)
-OF_PANORAMAS = [FourierSignature(), Hog(), Gist(), RingKey(), RingKey(frequencies=8), TinyImage()]
+OF_PANORAMAS = [
+    FourierSignature(),
+    FourierPhase(),
+    Hog(),
+    HogGrid(),
+    Gist(),
+    GistGrid(),
+    RingKey(),
+    RingKey(frequencies=8),
+    TinyImage(),
+]
 OF_MIRRORS = [Radon(), RadonGist(), RadonHog(), Ring()]
 ALL = OF_PANORAMAS + OF_MIRRORS
 
@@ -170,8 +193,13 @@ def test_settings_that_describe_nothing_are_refused(make, words):
     [
         (FourierSignature(rows=200), "rows=200 are more than the 128 rows"),
         (FourierSignature(magnitudes=300), "512 columns has 257 frequencies"),
+        (FourierPhase(frequencies=257), "257 frequencies, not 258"),
         (Hog(cells=129), "129 blocks cannot be cut from 128 rows"),
         (Hog(spacing=7), "a spacing that divides it"),
+        (HogGrid(columns=600), "smaller than 64 x 600"),
+        (HogGrid(cells=65), "65 blocks cannot be cut from 64 rows"),
+        (HogGrid(spacing=7), "a spacing that divides it"),
+        (GistGrid(blocks=17), "17 blocks cannot be cut from 16 rows"),
         (Gist(width=1024), "a width up to 512"),
         (RingKey(frequencies=300), "257 frequencies, not 300"),
         (TinyImage(columns=600), "smaller than 16 x 600"),

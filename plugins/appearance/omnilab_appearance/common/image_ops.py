@@ -42,6 +42,28 @@ def with_rows(images: Bytes, rows: int) -> Floats:
     return np.stack([cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in fine])
 
 
+def resized(panoramas: Bytes, rows: int, columns: int) -> Floats:
+    """Panoramas (N, rows, columns) float32, averaged down over areas; DataError for smaller ones."""
+    import cv2
+
+    if rows > panoramas.shape[1] or columns > panoramas.shape[2]:
+        raise DataError(
+            f"panoramas of {panoramas.shape[1]} x {panoramas.shape[2]} are smaller than {rows} x {columns};"
+            " give fewer rows and columns"
+        )
+    size = (columns, rows)
+    return np.stack([cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_AREA) for image in panoramas])
+
+
+def smoothed(panoramas: Floats, sigma: float) -> Floats:
+    """Panoramas (N, H, W) convolved with a Gaussian of `sigma` pixels; the last axis wraps, the other is reflected."""
+    from scipy.ndimage import gaussian_filter1d
+
+    if sigma == 0:
+        return panoramas
+    return np.asarray(gaussian_filter1d(gaussian_filter1d(panoramas, sigma, 2, mode="wrap"), sigma, 1, mode="reflect"))
+
+
 def bands(count: int, length: int) -> list[slice]:
     """`count` contiguous slices of `length` samples, as even as possible; DataError if `count` is above `length`."""
     if count > length:

@@ -102,6 +102,31 @@ def gradient_histograms(images, bins):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
+def gradient_cells(images, bins, turn, edges):  # type: ignore[no-untyped-def]
+    """Gradient histograms (N, bins, cells, W) of columns within horizontal cells, weighted by magnitude; columns wrap.
+
+    Cell k holds the rows edges[k] to edges[k + 1]; directions count modulo `turn` radians. Means over a cell's rows.
+    """
+    count, height, width = images.shape
+    out = np.zeros((count, bins, len(edges) - 1, width), np.float32)
+    for n in nb.prange(count):
+        image = images[n]
+        for k in range(len(edges) - 1):
+            share = 1 / (edges[k + 1] - edges[k])
+            for v in range(edges[k], edges[k + 1]):
+                inner = 0 < v < height - 1
+                for u in range(width):
+                    left = u - 1 if u > 0 else width - 1
+                    right = u + 1 if u + 1 < width else 0
+                    across = float(image[v, right]) - image[v, left]
+                    down = float(image[v + 1, u]) - image[v - 1, u] if inner else 0.0
+                    strength = math.sqrt(across * across + down * down)
+                    b = int((math.atan2(down, across) % turn) * bins / turn)
+                    out[n, min(b, bins - 1), k, u] += strength * share
+    return out
+
+
+@nb.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
 def path_sums(rows, first, second, weights):  # type: ignore[no-untyped-def]
     """Sums (P, S) over paths through a matrix of rows (A, B, S): at (first, second), each (P, n), times weights (P, n).
 

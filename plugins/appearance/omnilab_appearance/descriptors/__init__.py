@@ -3,9 +3,12 @@
 What is imported here is registered, by the name of its class in snake case.
 """
 
+from omnilab_appearance.descriptors.fourier_phase import FourierPhase as FourierPhase
 from omnilab_appearance.descriptors.fourier_signature import FourierSignature as FourierSignature
 from omnilab_appearance.descriptors.gist import Gist as Gist
+from omnilab_appearance.descriptors.gist_grid import GistGrid as GistGrid
 from omnilab_appearance.descriptors.hog import Hog as Hog
+from omnilab_appearance.descriptors.hog_grid import HogGrid as HogGrid
 from omnilab_appearance.descriptors.onnx import Onnx as Onnx
 from omnilab_appearance.descriptors.radon import Radon as Radon
 from omnilab_appearance.descriptors.radon_gist import RadonGist as RadonGist

@@ -9,6 +9,7 @@ import numpy as np
 
 from omnilab.api import Bytes, Floats, Signatures, check_settings, setting
 from omnilab.errors import DataError
+from omnilab_appearance.common.block_norm import BlockNorm, blocks_normalized
 from omnilab_appearance.common.image_ops import bands, channels_of, columns_around, side_by_side, with_rows
 
 
@@ -19,6 +20,11 @@ class Hog:
     `place`: horizontal cells of full width (N, cells, bins), which are invariant under rotation. `heading`:
     vertical cells of full height, which overlap (N, bins, columns / spacing): a rotation shifts their last axis. Values
     are grey levels per pixel, averaged over the cell; directions count modulo 180 degrees, each to its bin alone.
+
+    `norm` is the third step of Berenguer's thesis (2.1.4): all cells of a block, `block` cells below one another, are
+    normalised by one measure of the block's contrast. The thesis does not say which; these are the four of
+    Dalal & Triggs (2005). Blocks do not overlap, so that the size stays cells x bins, as the thesis has it. The heading
+    part, whose correlation is normalised, stays as it is.
     """
 
     cells: int = setting(16, at_least=1, at_most=4096)  # k4, horizontal ones, for the place
@@ -27,6 +33,8 @@ class Hog:
     spacing: int = setting(8, at_least=1, at_most=8192)  # d1, columns from one vertical cell to the next
     rows: int = setting(128, at_least=3, at_most=8192)  # the panorama is averaged to so many
     color: bool = False  # each channel of RGB for itself
+    norm: BlockNorm = BlockNorm.none  # of blocks of cells: none, l1, l1_sqrt, l2 or l2_hys
+    block: int = setting(2, at_least=1, at_most=4096)  # cells of a block; must divide the cells
 
     view: ClassVar[str] = "panorama"
     rotation: ClassVar[str] = "invariant"
@@ -39,7 +47,8 @@ class Hog:
         """Signatures of panoramas (N, H, W[, 3])."""
         rows, columns = gradient_sums(with_rows(channels_of(images, self.color), self.rows), self.bins)
         heading = columns_around(columns / self.rows, self.width, self.spacing)
-        return side_by_side(Signatures(cell_means(rows, self.cells), heading), self.color)
+        place = blocks_normalized(cell_means(rows, self.cells), self.block, self.norm)
+        return side_by_side(Signatures(place, heading), self.color)
 
 
 def gradient_sums(images: Floats, bins: int) -> tuple[Floats, Floats]:

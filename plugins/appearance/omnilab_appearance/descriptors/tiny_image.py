@@ -5,11 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
 from omnilab.api import Bytes, Signatures, check_settings, setting
-from omnilab.errors import DataError
-from omnilab_appearance.common.image_ops import channels_of, side_by_side
+from omnilab_appearance.common.image_ops import channels_of, resized, side_by_side
 
 
 @dataclass
@@ -32,14 +29,5 @@ class TinyImage:
 
     def describe(self, images: Bytes) -> Signatures:
         """Tiny images (N, rows, columns) of panoramas (N, H, W[, 3])."""
-        import cv2
-
-        panoramas = channels_of(images, self.color)
-        if self.rows > panoramas.shape[1] or self.columns > panoramas.shape[2]:
-            raise DataError(
-                f"panoramas of {panoramas.shape[1]} x {panoramas.shape[2]} are smaller than {self.rows} x {self.columns};"
-                " give fewer rows and columns"
-            )
-        size = (self.columns, self.rows)
-        tiny = [cv2.resize(panorama.astype(np.float32), size, interpolation=cv2.INTER_AREA) for panorama in panoramas]
-        return side_by_side(Signatures(np.stack(tiny)), self.color)
+        tiny = resized(channels_of(images, self.color), self.rows, self.columns)
+        return side_by_side(Signatures(tiny), self.color)

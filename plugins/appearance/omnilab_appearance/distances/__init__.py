@@ -3,6 +3,7 @@
 What is imported here is registered, by the name of its class in snake case.
 """
 
+from omnilab_appearance.distances.circular_correlation import CircularCorrelation as CircularCorrelation
 from omnilab_appearance.distances.cosine import Cosine as Cosine
 from omnilab_appearance.distances.euclidean import Euclidean as Euclidean
 from omnilab_appearance.distances.features import Features as Features
