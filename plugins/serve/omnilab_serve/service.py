@@ -79,11 +79,7 @@ class Service:
     def sweep(self, path: str) -> LoadedSweep:
         """The sweep of a path; NotThereError if there is none."""
         try:
-            folder = self.folder(path)
-            for job in folder.iterdir():
-                if job.is_dir() and (link := outward_link(job, self.settings.logs.resolve())):
-                    raise NotThereError(sentence(self.path(job), link))
-            return load_sweep(folder)
+            return load_sweep(self.folder(path))
         except NotThereError:
             raise
         except DataError as error:

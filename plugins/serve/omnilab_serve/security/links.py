@@ -7,10 +7,17 @@ from pathlib import Path
 
 
 def outward_link(folder: str | Path, logs: Path) -> str | None:
-    """The name of a link in a folder that leads out of the logs (resolved); None if there is none."""
-    with os.scandir(folder) as entries:
-        links = [entry for entry in entries if entry.is_symlink()]
-    return next((link.name for link in links if not _leads_into(link.path, logs)), None)
+    """The name of a link, anywhere below a folder, that leads out of the logs (resolved); None if there is none."""
+    waiting = [str(folder)]
+    while waiting:
+        with os.scandir(waiting.pop()) as entries:
+            for entry in entries:
+                if entry.is_symlink():
+                    if not _leads_into(entry.path, logs):
+                        return entry.name
+                elif entry.is_dir():
+                    waiting.append(entry.path)
+    return None
 
 
 def sentence(folder: str, link: str) -> str:

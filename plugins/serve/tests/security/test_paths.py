@@ -72,7 +72,7 @@ def attacks(logs: Path) -> list[str]:
         "%ff%fe",
         "x" * 3000,
         "%0d%0aX-Injected:%201",
-        "quickstart",
+        "linked",
     ]
 
 
@@ -101,12 +101,9 @@ def test_no_route_leads_out_of_the_logs(serve, logs):
                 target = PARAMETER.split(route.path)[0] + attack + PARAMETER.split(route.path)[1]
                 status, text, headers = answer(served, method, target)
                 assert SECRET not in text, (method, target)
-                assert status == 307 or 400 <= status < 500, (
-                    method,
-                    target,
-                    status,
-                    text[:300],
-                )  # 307: without the last /
+                refused = status == 307 or 400 <= status < 500  # 307: without the last /
+                is_row = method == "GET" and target.startswith("/parts/")  # of what the logs themselves hold
+                assert refused or is_row, (method, target, status, text[:300])
                 assert not [name for name, _ in headers if name.lower() == "x-injected"]
 
 
