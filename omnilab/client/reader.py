@@ -61,7 +61,5 @@ def _is_needed(field: Field[Any]) -> bool:
 
 def _of_type(data: Any, kind: type[T], what: str, place: str) -> T:
     if type(data) is not kind:  # True is an int, too
-        raise DataError(
-            f"{place} is {str(data)[:80]!r}, which is not {what}; the server may be of another version"
-        )
+        raise DataError(f"{place} is {str(data)[:80]!r}, which is not {what}; the server may be of another version")
     return data
