@@ -26,14 +26,20 @@ from omnilab_recordings.images.decoding import DecodedImage, Decoder
 from omnilab_recordings.images.depth import read_depth
 from omnilab_recordings.images.files import existing, read_bytes
 from omnilab_recordings.optics import Optics, check_circle, circle_of, most_alike, off_ring, unseen_in
-from omnilab_recordings.panoramas import Panorama, panorama_camera, panorama_kind, proposal, proposed
+from omnilab_recordings.panoramas import (
+    PLURALS,
+    WIDE,
+    Panorama,
+    doubt,
+    panorama_camera,
+    panorama_kind,
+    proposal,
+)
 from omnilab_recordings.poses.filename_poses import Naming, naming
 from omnilab_recordings.questions import questions
 from omnilab_recordings.recording import POSITIONS_FILE, Recording, open_recording
 
 R = TypeVar("R")
-log = logging.getLogger("omnilab")
-
 log = logging.getLogger("omnilab")
 
 SAMPLE = 16  # images by which the size and the circle of all are found
@@ -102,7 +108,9 @@ class Folder:
     looks: str | None = None  # where the file leaves it open: down, up or ahead; null: ahead of pinholes, else down
     entry: str | None = None  # which camera of a calibration with several, such as cam1
     distortion: str | None = None  # of OpenCV's files that do not say: radtan (pinhole) or equidistant (fisheye)
-    panorama: Panorama | None = None  # equirectangular or strip: the files are panoramas, their middle is the front
+    panorama: Panorama | None = (
+        None  # equirectangular or strip: the files are panoramas, their middle is the front; null: the preset's
+    )
     circle_px: list[float] | None = setting(
         None, at_least=-1e6, at_most=1e6
     )  # cx, cy, radius and, if need be, inner radius in the files; null: found
@@ -266,12 +274,24 @@ class Folder:
             return camera
         if self.panorama is not None:
             self._check_no_circle(f"panorama={self.panorama.value} has no circle and knows its horizon")
-            return panorama_camera(self.panorama, width, height)
+        if (kind := self._declared(sample)) is not None:
+            return panorama_camera(kind, width, height)
         try:
             return ImageCircle(width, height, circle_of(self.circle_px, sample), self.sky_inside)
         except DataError as error:
-            _, closed = proposed(sample)
-            raise DataError(f"{error}; or, as {proposal(sample)}" if closed else str(error)) from error
+            other = proposal(sample, circle_was_found=True)
+            raise DataError(str(error) if other is None else f"{error}; or, as {other}") from error
+
+    def _declared(self, sample: Sequence[DecodedImage]) -> Panorama | None:
+        """The kind of panorama that the files are said to be, by the setting or by the preset of their names."""
+        preset, (height, width) = self._preset_panorama, sample[0].shape
+        if self.panorama is not None or self.circle_px is not None or self.sky_inside or preset is None:
+            return self.panorama
+        return preset if width >= WIDE * height else None
+
+    @property
+    def _preset_panorama(self) -> Panorama | None:
+        return found.panorama if (found := self._naming()) else None
 
     def _check_no_circle(self, reason: str) -> None:
         if self.circle_px is not None or self.sky_inside:
@@ -302,13 +322,28 @@ class Folder:
         """What a user should know of how the files are read, a sentence a topic, as far as a sample shows it."""
         alike = most_alike(self.sample)
         files = {name: remarks.of_file(image, self.exif_orientation) for name, image in self.sample.items()}
+        panorama = self._about_panorama(alike)
         other = {
-            "panorama": proposal(alike) if self.guessed_circle else None,
-            "circle": GUESSED if self.circle_is_doubtful and proposal(alike) is None else None,
+            "panorama": panorama,
+            "circle": GUESSED if self.circle_is_doubtful and panorama is None else None,
             "bits": remarks.of_range(alike, self.bits),
             "depth maps": remarks.of_depths({name: image.deep for name, image in self.sample.items()}),
         }
         return remarks.of_files(files) | {topic: text for topic, text in other.items() if text is not None}
+
+    def _about_panorama(self, alike: Sequence[DecodedImage]) -> str | None:
+        """Panoramas that are taken for mirror pictures, and mirror pictures that are declared to be panoramas."""
+        if isinstance(self.optics.camera, ImageCircle):
+            preset, shape = self._preset_panorama, self.optics.camera
+            if preset is not None and shape.width < WIDE * shape.height:
+                return (
+                    f"the set names={self.names} is of {PLURALS[preset]} as published, but the pictures are {shape.width} x"
+                    f" {shape.height} pixels: they are taken for mirror pictures"
+                )
+            return proposal(alike, circle_was_found=not self.guessed_circle)
+        if self._declared(alike) is None or (sentence := doubt(alike)) is None:
+            return None
+        return f"{sentence} sensor.panorama" if self.panorama else f"{sentence} sensor.names={self.names}"
 
     def _warn(self, sentences: Mapping[str, str]) -> None:
         """Log what was not logged before."""

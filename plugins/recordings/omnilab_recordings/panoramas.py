@@ -7,16 +7,23 @@ from enum import Enum
 
 import numpy as np
 
+from omnilab.api import Circle
 from omnilab.cameras import CylindricalCamera, EquirectangularCamera
 from omnilab.errors import ConfigError, DataError
+from omnilab_recordings.images.circle import inscribed
 from omnilab_recordings.images.decoding import DecodedImage
+from omnilab_recordings.optics import circle_of
 
 FRONT_IN_THE_MIDDLE_DEG = 180.0  # azimuth of column 0
-CLOSELY = 6  # images that are looked at
-CLOSES, APART = (
-    2.0,
-    0.5,
-)  # times the difference of neighbouring columns, and of opposite ones, that its ends may differ by
+LEAST_WIDE, WIDE, NO_MIRROR = (
+    1.2,
+    1.98,
+    3.0,
+)  # width over height: of strips that close, of spheres, of no mirror's frame
+MOVING = 3  # images from which on what changes between them is compared
+PLAIN = 0.05  # of the usual variance: columns with less are plain
+CLOSES, APART = 0.65, 0.45  # of the correlation of neighbouring columns: at least and at most that of the ends
+LIKE_NEIGHBOURS = 0.25  # least correlation of neighbouring columns that tells anything
 
 
 class Panorama(Enum):
@@ -64,22 +71,29 @@ def panorama_camera(kind: Panorama, width: int, height: int) -> EquirectangularC
 def proposed(sample: Sequence[DecodedImage]) -> tuple[Panorama | None, bool]:
     """Which kind of panorama images of one size may be, by their shape, and whether they also close on themselves."""
     height, width = sample[0].shape
-    if width < 1.98 * height:
+    if width < LEAST_WIDE * height:
         return None, False
     closed = any(image.header.equirectangular for image in sample) or closes(sample) is True
-    if width <= 2.02 * height:
+    if WIDE * height <= width <= 2.02 * height:
         return Panorama.equirectangular, closed
-    return (Panorama.strip, closed) if closed or width >= 3 * height else (None, False)
+    if width < WIDE * height:
+        return (Panorama.strip, True) if closed and len(sample) >= MOVING else (None, False)
+    return (Panorama.strip, closed) if closed or width >= NO_MIRROR * height else (None, False)
 
 
-def proposal(sample: Sequence[DecodedImage]) -> str | None:
-    """The sentence that proposes a kind of panorama for images that would be taken for mirror pictures."""
+def proposal(sample: Sequence[DecodedImage], circle_was_found: bool = False) -> str | None:
+    """The sentence that proposes a kind of panorama for images that would be taken for mirror pictures.
+
+    Where a circle was found in them, or was given, only if they close on themselves, or are as wide as no mirror's frame.
+    """
     kind, closed = proposed(sample)
-    if kind is None:
-        return None
     height, width = sample[0].shape
+    if kind is None or (circle_was_found and not closed and width < NO_MIRROR * height):
+        return None
     shape = "2:1" if kind is Panorama.equirectangular else f"{width / height:.3g}:1"
     ends = " and their right edge continues at the left" if closed else ""
+    if not closed and closes(sample) is False:
+        ends = ", but their right edge does not continue at the left"
     camera = panorama_camera(kind, width, height)
     return (
         f"the pictures are {shape}{ends}, as {PLURALS[kind]} are: give sensor.panorama={kind.value} (elevations from"
@@ -88,13 +102,59 @@ def proposal(sample: Sequence[DecodedImage]) -> str | None:
     )
 
 
-def closes(sample: Sequence[DecodedImage]) -> bool | None:
-    """Whether the right edges of images continue at their left; None where the edges are plain and cannot tell."""
-    columns = np.stack([image.pixels for image in sample[:CLOSELY]]).astype(np.int16)
-    contrast = columns.std(axis=1).mean(axis=0)  # of each column
-    if min(contrast[0], contrast[-1]) <= max(APART * float(np.median(contrast)), 1):
+def doubt(sample: Sequence[DecodedImage]) -> str | None:
+    """Why images that are declared to be panoramas over 360 degrees may be none; None if nothing speaks against it."""
+    closed = closes(sample)
+    if closed:
         return None
-    ends = float(np.abs(columns[:, :, 0] - columns[:, :, -1]).mean())
-    neighbours = float(np.abs(np.diff(columns, axis=2)).mean())
-    opposite = float(np.abs(columns - np.roll(columns, columns.shape[2] // 2, axis=2)).mean())
-    return ends < CLOSES * neighbours + 1 and ends < APART * opposite
+    if (circle := _mirror(sample)) is not None:
+        return (
+            f"the pictures are declared to be panoramas, but show a circle in a dark surround (centre {circle.cx:.0f},"
+            f" {circle.cy:.0f}, radius {circle.radius:.0f}), as mirrors and fisheyes do. If so, leave out"
+        )
+    if closed is None:
+        return None
+    return (
+        "the right edges of the pictures do not continue at their left: are they panoramas over 360 degrees? If not,"
+        " leave out"
+    )
+
+
+def _mirror(sample: Sequence[DecodedImage]) -> Circle | None:
+    """The circle that a dark surround shows in images no wider than a mirror's frame may be."""
+    height, width = sample[0].shape
+    if width >= NO_MIRROR * height:
+        return None
+    try:
+        circle = circle_of(None, sample)
+    except DataError:
+        return None
+    return None if circle == inscribed((height, width)) else circle
+
+
+def closes(sample: Sequence[DecodedImage]) -> bool | None:
+    """Whether the right edges of images continue at their left; None where the edges are plain and cannot tell.
+
+    First and last column of N images (N, H, W) are correlated over rows and images, beside neighbouring columns. Of three
+    images and more their mean is taken off first: what never changes, a dark surround say, tells nothing.
+    """
+    pixels = np.stack([image.pixels for image in sample]).astype(np.float32)
+    moving = len(pixels) >= MOVING
+    pixels -= pixels.mean(axis=0) if moving else pixels.mean(axis=2, keepdims=True)
+    power = (pixels**2).mean(axis=(0, 1))
+    if min(power[0], power[-1]) <= max(PLAIN * float(np.median(power)), 1) or not (moving or _lively_ends(sample)):
+        return None
+    near = (pixels * np.roll(pixels, -1, axis=2)).mean(axis=(0, 1)) / np.sqrt(power * np.roll(power, -1) + 1e-6)
+    usual, ends = float(np.median(near)), float(near[-1])  # the last column's neighbour is the first
+    if usual < LIKE_NEIGHBOURS:
+        return None
+    if ends >= CLOSES * usual:
+        return True
+    clear = min(float(near[0]), float(near[-2])) >= 0.5 * usual  # noise on plain columns is like nothing beside it
+    return False if clear and ends <= APART * usual else None
+
+
+def _lively_ends(sample: Sequence[DecodedImage]) -> bool:
+    """Whether the first and the last column vary along their height, half as much as columns usually do."""
+    contrast = np.stack([image.pixels for image in sample]).std(axis=1).mean(axis=0)
+    return bool(min(contrast[0], contrast[-1]) > max(0.5 * float(np.median(contrast)), 1))

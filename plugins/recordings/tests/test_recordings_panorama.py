@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 
 import cv2
 import numpy as np
@@ -28,7 +29,7 @@ def world(camera, seed=0, phase_deg=0.0):
         rng.normal() * np.cos(k * azimuth + rng.uniform(0, 6)) * np.cos(m * z + rng.uniform(0, 6))
         for k in range(1, 9) for m in range(4)
     )  # fmt: skip
-    return np.asarray(np.clip(128 + 30 * waves, 40, 255), np.uint8)
+    return np.nan_to_num(np.clip(128 + 30 * waves, 40, 255), nan=3).astype(np.uint8)  # dark off the mirror
 
 
 def write(folder, images):
@@ -243,6 +244,137 @@ def test_a_camera_that_says_so_is_believed(tmp_path, caplog):
     (tmp_path / "0.jpg").write_bytes(data[:2] + b"\xff\xe1" + (len(xmp) + 2).to_bytes(2, "big") + xmp + data[2:])
     read_all(Folder(tmp_path))
     assert "give sensor.panorama=equirectangular" in warnings_of(caplog)[0]
+
+
+# ------------------------------------------------------------------------------------------------ published strips
+MOELLER, QUORUM = CylindricalCamera(561, 81, 180, True, -24, 24), CylindricalCamera(256, 64, 180, True, -38, 38)
+
+
+def noisy(image):
+    noise = np.random.default_rng(int(image.sum())).normal(0, 15, image.shape)
+    return np.clip(image + noise, 0, 255).astype(np.uint8)
+
+
+def banded(image):
+    """As unwrapped mirrors often are: nothing above the rim, nothing below the camera."""
+    return np.pad(image[6:-6], ((6, 6), (0, 0)))
+
+
+def vignetted(image):
+    (v, u), (h, w) = np.indices(image.shape), image.shape
+    off = np.hypot((u - (w - 1) / 2) / (w / 2), (v - (h - 1) / 2) / (h / 2))
+    return (image * np.clip(1.5 - off, 0, 1)).astype(np.uint8)
+
+
+def names_of_a_grid(folder, images):
+    for i, image in enumerate(images):
+        assert cv2.imwrite(str(folder / f"{i // 3}_{i % 3}.png"), image)
+    return folder
+
+
+@pytest.mark.parametrize("spoilt", [np.asarray, noisy, banded, vignetted])
+@pytest.mark.parametrize("camera", [MOELLER, QUORUM])
+def test_strips_are_recognised_in_noise_bands_and_vignettes(tmp_path, findings, camera, spoilt):
+    root = write(tmp_path, [spoilt(world(camera, i)) for i in range(6)])
+    try:
+        said = Folder(root).remarks["panorama"]
+    except DataError as error:
+        said = str(error)
+    assert "their right edge continues at the left, as panoramic strips are: give sensor.panorama=strip" in said
+    assert "they are checked as panoramas, as with --panorama strip" in findings(root)
+
+
+def test_a_lit_circle_by_chance_makes_no_mirror_of_a_strip(tmp_path, caplog):
+    v, u = np.indices((81, 561))
+    lit = np.hypot(u - 280, v - 40) <= 37  # at night, say: nothing tells whether the edges continue
+    write(tmp_path, [np.where(lit, world(MOELLER, i), 3).astype(np.uint8) for i in range(3)])
+    assert Folder(tmp_path).optics.camera.circle.radius == pytest.approx(37, abs=1.5)
+    read_all(Folder(tmp_path))
+    assert "the pictures are 6.93:1, as panoramic strips are: give sensor.panorama=strip" in warnings_of(caplog)[0]
+
+
+@pytest.mark.parametrize(
+    ("preset", "camera", "more"), [("moeller", MOELLER, {"spacing_m": 0.3}), ("quorum_v", QUORUM, {})]
+)
+def test_presets_of_strips_attach_the_camera(tmp_path, caplog, findings, preset, camera, more):
+    root = names_of_a_grid(tmp_path, [world(camera, i) for i in range(9)])
+    sensor = Folder(root, names=preset, **more)
+    read_all(sensor)
+    found = sensor.optics.camera
+    assert (type(found), found.start_deg, found.clockwise) == (CylindricalCamera, 180, True)
+    assert found.highest_deg == pytest.approx(-found.lowest_deg)
+    assert found.highest_deg == pytest.approx(np.rad2deg(np.arctan(np.pi * camera.height / camera.width)))
+    assert warnings_of(caplog) == []
+    text = findings(root, "--names", preset, *(["--spacing", "0.3"] if more else []))
+    assert "CylindricalCamera; a panorama, without circle" in text
+    assert "sensor.panorama" not in text
+
+
+def test_a_preset_gives_way_to_a_calibration_a_circle_and_another_panorama(tmp_path):
+    root = names_of_a_grid(tmp_path, [world(QUORUM, i) for i in range(4)])
+    assert isinstance(Folder(root, names="quorum_v", panorama="equirectangular").optics.camera, EquirectangularCamera)
+    assert Folder(root, names="quorum_v", circle_px=[100, 30, 20]).optics.camera.circle.radius == 20
+    save_camera(EquirectangularCamera(256, 64, 0, False, -10, 35), root / "camera.json")
+    assert Folder(root, names="quorum_v").optics.camera.start_deg == 0
+
+
+def test_mirror_pictures_under_the_preset_of_a_set_of_strips_stay_mirror_pictures(tmp_path, caplog):
+    root = names_of_a_grid(tmp_path, [world(HyperbolicMirror(), i) for i in range(4)])
+    sensor = Folder(root, names="quorum_v")
+    read_all(sensor)
+    assert sensor.optics.camera.circle.radius == 125
+    (sentence,) = warnings_of(caplog)
+    assert "names=quorum_v is of panoramic strips as published, but the pictures are 250 x 250 pixels" in sentence
+
+
+def test_a_circle_given_for_strips_is_asked_about(tmp_path, caplog):
+    read_all(Folder(write(tmp_path, [world(QUORUM, i) for i in range(4)]), circle_px=[128, 32, 32]))
+    assert "give sensor.panorama=strip" in warnings_of(caplog)[0]
+
+
+# ------------------------------------------------------------------------------------- mirrors declared as panoramas
+def in_dark_frame(image, width):
+    """The round picture (H, H) of a mirror in the middle of a wider, dark frame."""
+    size = len(image)
+    v, u = np.indices((size, width))
+    inside = np.hypot(u - (width - 1) / 2, v - (size - 1) / 2) <= 0.46 * size
+    at = (width - size) // 2
+    return np.where(inside, np.pad(image, ((0, 0), (at, width - size - at))), 4).astype(np.uint8)
+
+
+@pytest.mark.parametrize("count", [1, 5])
+def test_mirrors_declared_as_panoramas_are_told_from_them(tmp_path, caplog, findings, count):
+    write(tmp_path, [in_dark_frame(world(HyperbolicMirror(), i), 340) for i in range(count)])
+    read_all(Folder(tmp_path, panorama="strip"))
+    (sentence,) = warnings_of(caplog)
+    assert re.search(r"show a circle in a dark surround \(centre 1(69|70), 12[45], radius 11[45]\)", sentence)
+    assert "If so, leave out sensor.panorama" in sentence
+    assert "show a circle in a dark surround" in findings(tmp_path, "--panorama", "strip")
+    caplog.clear()
+    read_all(Folder(tmp_path))  # what it proposes
+    assert warnings_of(caplog) == []
+    assert "sensor.panorama" not in findings(tmp_path)
+
+
+def test_a_run_says_that_declared_panoramas_do_not_close(tmp_path, caplog):
+    mirrors = [world(HyperbolicMirror(), i)[62:187] for i in range(6)]  # 2:1, the world up to every edge
+    read_all(Folder(write(tmp_path, mirrors), panorama="equirectangular"))
+    assert (
+        "do not continue at their left: are they panoramas over 360 degrees? If not, leave out"
+        in warnings_of(caplog)[0]
+    )
+    read_all(Folder(tmp_path))
+    assert "2:1, but their right edge does not continue at the left" in warnings_of(caplog)[1]
+
+
+@pytest.mark.parametrize("aspect", [1.0, 0.75, 0.5625])
+@pytest.mark.parametrize("crop", [0.5, 1.0])
+def test_no_mirror_picture_is_called_a_strip(tmp_path, caplog, crop, aspect):
+    camera = HyperbolicMirror(crop=crop)
+    cut = round(125 * (1 - aspect))
+    write(tmp_path, [noisy(world(camera, i))[cut : 250 - cut] for i in range(6)])
+    read_all(Folder(tmp_path))
+    assert not any("sensor.panorama" in text for text in warnings_of(caplog))
 
 
 # -------------------------------------------------------------------------------------------------- mirror pictures

@@ -6,11 +6,12 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from omnilab.cameras import ImageCircle
 from omnilab_recordings import remarks
 from omnilab_recordings.checks.dataset_check import CheckedFile, Finding
 from omnilab_recordings.folder import Folder
 from omnilab_recordings.optics import most_alike
-from omnilab_recordings.panoramas import closes, proposal, proposed
+from omnilab_recordings.panoramas import proposed
 
 
 def of_reading(sensor: Folder, files: Sequence[CheckedFile]) -> Iterator[Finding]:
@@ -27,15 +28,11 @@ def of_reading(sensor: Folder, files: Sequence[CheckedFile]) -> Iterator[Finding
 
 def as_panorama(sensor: Folder) -> tuple[Folder, Finding | None]:
     """The sensor, taking pictures for panoramas where they close on themselves as these do; what is found, if not as given."""
-    alike = most_alike(sensor.sample)
-    if sensor.panorama is not None and closes(alike) is False:
-        text = "the right edges of the pictures do not continue at their left: are they panoramas over 360 degrees?"
-        return sensor, Finding("panorama", "?", f"{text} If not, leave out --panorama (sensor.panorama)")
-    if not sensor.guessed_circle or (sentence := proposal(alike)) is None:
+    sentence = sensor.remarks.get("panorama")
+    if sentence is None:
         return sensor, None
-    kind, closed = proposed(alike)
-    if not closed:
+    kind, closed = proposed(most_alike(sensor.sample))
+    if kind is None or not closed or not isinstance(sensor.optics.camera, ImageCircle):
         return sensor, Finding("panorama", "?", sentence)
-    assert kind is not None
     text = f"{sentence}; they are checked as panoramas, as with --panorama {kind.value}"
-    return replace(sensor, panorama=kind), Finding("panorama", "look", text)
+    return replace(sensor, panorama=kind, circle_px=None, sky_inside=False), Finding("panorama", "look", text)

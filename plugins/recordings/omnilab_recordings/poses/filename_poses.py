@@ -16,6 +16,7 @@ from omnilab.geometry import rotation_xyz
 from omnilab.trajectory.clocks import unit_of
 from omnilab.trajectory.columns import HEADINGS, LENGTHS, STAMPS
 from omnilab.trajectory.lookalikes import remedy_for
+from omnilab_recordings.panoramas import Panorama
 from omnilab_recordings.poses.positions import Positions
 
 LONGEST_PATTERN = 300  # characters; Python's re can take for ever where repetitions nest, so keep patterns plain
@@ -40,6 +41,7 @@ class Naming:
     columns: int | None = None  # in a row, for `i`
     lowest_m: float | None = None  # height of the lowest level
     height_step_m: float | None = None  # between levels
+    panorama: Panorama | None = None  # what the set's pictures are as published, where they are that wide
 
 
 FLOAT = r"-?\d+\.?\d*"
@@ -47,12 +49,12 @@ TWO_NUMBERS = r"(?P<ix>\d+)[^\d/]+(?P<iy>\d+)[^\d/]*$"
 ONE_NUMBER = r"(?P<i>\d+)[^\d/]*$"
 PRESETS = {  # README of the plugin: which of them were read off a source, and which are assumed
     "bielefeld": Naming(TWO_NUMBERS, spacing_m=0.3),
-    "moeller": Naming(TWO_NUMBERS),
+    "moeller": Naming(TWO_NUMBERS, panorama=Panorama.strip),
     "umh_altitude": Naming(
         r"(?P<ix>\d+)\D+(?P<iz>\d+)[^\d/]*$", spacing_m=1.0, lowest_m=1.25, height_step_m=0.15
     ),
     "umh_grid": Naming(ONE_NUMBER, spacing_m=0.2, columns=8),
-    "quorum_v": Naming(TWO_NUMBERS, spacing_m=0.4),
+    "quorum_v": Naming(TWO_NUMBERS, spacing_m=0.4, panorama=Panorama.strip),
     "cold": Naming(rf"t(?P<stamp_s>\d+\.\d+)_x(?P<x_m>{FLOAT})_y(?P<y_m>{FLOAT})_a(?P<yaw_rad>{FLOAT})\.jpe?g$"),
     "utm": Naming(
         r"@(?P<x_m>[^@/]+)@(?P<y_m>[^@/]+)@"
