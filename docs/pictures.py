@@ -24,6 +24,7 @@ WORLDS = {
     "corridor": [-2.0, 0.0, 1.1, 0.0],
     "square": [-3.0, -3.0, 1.4, 30.0],
     "storey": [0.0, -18.4, 1.1, 0.0],
+    "plain": HERE,
 }
 OCAM = """#polynomial coefficients for the DIRECT mapping function (ocam_model.ss in MATLAB)
 

@@ -16,7 +16,8 @@ pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
 WORLD = Path(__file__).parents[1] / "box_world.yaml"
 SENSOR = [f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1"]
 SMALL = ["experiment=changes", "study.query_count=12", "study.step_m=0.5", *SENSOR]
-RADON = ["descriptors.radon.offsets=48", "descriptors.radon.angles=60", "descriptors.radon_gist=null"]
+RADON = [f"descriptors.{name}.{size}" for name in ("poc", "radon") for size in ("offsets=48", "angles=60")]
+RADON += ["descriptors.radon_gist=null"]
 OFF = [f"~study.conditions.{name}" for name in ("evening", "lamp_off", "moved", "crowded")]
 
 
@@ -36,7 +37,7 @@ def run(omnilab_in, here):
 def test_a_row_for_every_method_in_every_condition(run):
     rows = load_run(run).table("changes")
     assert [(row["method"], row["condition"]) for row in rows] == [
-        (name, condition) for condition in ("unchanged", "raised", "same") for name in ("radon", "fourier_signature")
+        (name, condition) for condition in ("unchanged", "raised", "same") for name in ("poc", "radon", "fourier_signature")
     ]
     for row in rows:
         rates = [float(row[f"{verdict}_rate"]) for verdict in ("nearest", "second", "wrong")]
@@ -48,7 +49,7 @@ def test_a_row_for_every_method_in_every_condition(run):
 
 def test_a_condition_that_changes_nothing_is_answered_alike(run):
     rows = {(row["method"], row["condition"]): row for row in load_run(run).table("changes")}
-    for name in ("radon", "fourier_signature"):
+    for name in ("poc", "radon", "fourier_signature"):
         same, unchanged = (
             {key: value for key, value in rows[name, condition].items() if key != "condition"}
             for condition in ("same", "unchanged")

@@ -187,7 +187,9 @@ def test_the_command_tells_what_is_in_a_world(capsys):
     assert "path square: 12.00 m, 189 images" in out.out
     assert "3 bookcase" in out.out
     assert "wrong" not in out.out + out.err
-    assert all(name in command(capsys, "list")[1].out for name in ("corridor", "office", "room", "square", "storey"))
+    assert all(
+        name in command(capsys, "list")[1].out for name in ("corridor", "office", "plain", "room", "square", "storey")
+    )
 
 
 def test_the_command_tells_everything_that_is_wrong_at_once(capsys, write):

@@ -27,17 +27,17 @@ from omnilab_appearance.loop_closures.cosine_index import CosineIndex
 
 @dataclass
 class HogThreshold:
-    """Two images show one place if the HOG of their Radon transforms are nearer than W (Berenguer, thesis, eq. 6.6).
+    """Two images show one place if the HOG of their Radon transforms are nearer than W (Berenguer, thesis, eq. 6.6, 6.7).
 
     The distance is the cosine distance, invariant under rotation; the rotation is that of the transforms by phase-only
-    correlation.
+    correlation. As printed, every earlier image below W closes a loop; `hog_nearest` takes the nearest alone.
     Images taken shortly before are left out. Images nearer than W by chance close a loop, too: this is as printed, and a
     robust back end should follow.
     """
 
     w: float = setting(0.006, above=0)  # distance below which two images show one place
     exclude: int = setting(30, at_least=1)  # images just before that are not compared with
-    most: int = setting(1, at_least=1)  # closures of an image, the nearest ones
+    most: int | None = setting(None, at_least=1)  # closures of an image, the nearest ones; null: all below W
     reach: float = setting(1.0, at_least=1e-6, at_most=1e6)  # standard deviation of the position, in usual steps
     turn_sigma_deg: float = setting(2.0, at_least=1e-6, at_most=1e6)  # and of the heading
     cells: int = setting(16, at_least=1, at_most=4096)  # of the HOG
@@ -50,6 +50,16 @@ class HogThreshold:
     def begin(self) -> HogDatabase:
         """An empty place database."""
         return HogDatabase(self)
+
+
+@dataclass
+class HogNearest(HogThreshold):
+    """As `hog_threshold`, but of the images nearer than W only the nearest closes a loop.
+
+    A robot that passes a place several times, or lingers, has few closures there rather than one for each image it took.
+    """
+
+    most: int | None = setting(1, at_least=1)  # closures of an image, the nearest ones; null: all below W
 
 
 class HogDatabase:
