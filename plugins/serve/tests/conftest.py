@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
 import shutil
 import socket
 import subprocess
@@ -100,13 +102,28 @@ RUN = ["experiment=quickstart", "study.query_count=6", "study.step_m=1.0", "sens
 
 @pytest.fixture(scope="session")
 def finished_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Logs with two small runs of quickstart, and a sweep of two jobs; to be copied by those that change it."""
-    logs = tmp_path_factory.mktemp("served") / "logs"
-    for words in ([*RUN, "seed=1"], [*RUN, "seed=2", "descriptor=hog"], ["-m", *RUN, "seed=3,4"]):
-        with pytest.raises(SystemExit) as ended:
-            main([*words, f"logs={logs}"])
-        assert ended.value.code == 0
-    return logs
+    """Logs with two small runs of quickstart, and a sweep of two jobs; to be copied by those that change it.
+
+    They are made by the first process of the tests that wants them; each has a copy, for one service works on a folder of logs.
+    """
+    base = tmp_path_factory.getbasetemp()
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    with (shared / "served.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (shared / "served").is_dir():
+            for words in ([*RUN, "seed=1"], [*RUN, "seed=2", "descriptor=hog"], ["-m", *RUN, "seed=3,4"]):
+                with pytest.raises(SystemExit) as ended:
+                    main([*words, f"logs={shared / 'being_served'}"])
+                assert ended.value.code == 0
+            (shared / "being_served").rename(shared / "served")
+        return Path(shutil.copytree(shared / "served", base / "logs_served", symlinks=True))
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Those that open a browser are slow."""
+    for item in items:
+        if "tab" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.slow)
 
 
 RUNS_ON = """

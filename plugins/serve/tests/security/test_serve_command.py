@@ -48,7 +48,10 @@ def start(tmp_path: Path) -> Iterator[Callable[..., tuple[subprocess.Popen[str],
 
 def addresses(process: int) -> set[str]:
     """The addresses at which a process listens, in the hexadecimals of /proc."""
-    inodes = {str(file.readlink()) for file in Path(f"/proc/{process}/fd").iterdir()}
+    inodes = set()
+    for file in Path(f"/proc/{process}/fd").iterdir():
+        with suppress(FileNotFoundError):  # it was closed meanwhile
+            inodes.add(str(file.readlink()))
     rows = [line.split() for kind in ("tcp", "tcp6") for line in Path(f"/proc/net/{kind}").read_text().splitlines()[1:]]
     return {row[1].split(":")[0] for row in rows if row[3] == "0A" and f"socket:[{row[9]}]" in inodes}
 
