@@ -48,7 +48,7 @@ def registry():
         (["seed=range(1,x)"], "seed=range(1,x) cannot be read; seed takes a whole number"),
         (["-m", "seed=choice()"], "seed=choice() cannot be read"),
         (["-m", "seed=range(3,1)"], "is a sweep over nothing; give a range whose end lies beyond its start"),
-        (["descriptor=été"], "descriptor 'été' does not exist; there is fourier_signature"),
+        (["descriptor=été"], "descriptor 'été' does not exist; there is fourier_phase, fourier_signature"),
         (["+descriptor@descriptors.a=été"], "descriptor 'été' does not exist"),
         (["disturbance=[blur,[light]]"], "is no list of names; give disturbance=[NAME,NAME] of blur, "),
         (["disturbance=[blur,3]"], "is no list of names"),

@@ -40,7 +40,7 @@ def refused(omnilab_here):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["descriptor=radom"], ["descriptor 'radom'", "there is fourier_signature, gist", "did you mean descriptor=radon?"]),
+        (["descriptor=radom"], ["descriptor 'radom'", "there is fourier_phase, fourier_signature, gist", "did you mean descriptor=radon?"]),
         (["sensor=camera"], ["sensor 'camera'", "folder", "mirror"]),
         (["distance=poc_bnd"], ["'poc_bnd'", "euclidean", "did you mean distance=poc_band?"]),
         (["study="], ["study ''", "there is altitude, changes, cost"]),
@@ -70,7 +70,7 @@ def refused(omnilab_here):
         (["seed=-1"], ["seed=-1", "from 0 to"]),
         (["cache_gb=0"], ["cache_gb=0", "above 0", "a number above 0"]),
         (["descriptor=null"], ["null", "~descriptor"]),
-        (["~descriptor"], ["needs a descriptor", "descriptor=fourier_signature|gist", "|radon|"]),
+        (["~descriptor"], ["needs a descriptor", "descriptor=fourier_phase|fourier_signature|gist", "|radon|"]),
         (["~localizer"], ["needs a localizer", "localizer=bayes_filter|hierarchical", "|nearest|"]),
         (["sensor.size=[1"], ["[1"]),
         (["study.step_m"], ["study.step_m"]),

@@ -36,7 +36,10 @@ def test_the_list_names_every_component_and_its_origin(omnilab_here: Callable[..
 def test_help_names_commands_components_and_experiments(omnilab_here: Callable[..., Any]) -> None:
     rc, out, err = omnilab_here("--help")
     assert (rc, err) == (0, "")
-    assert "omnilab plugins | runs | repeat | repair | sweep | compare | submit | check | report | serve | view | world " in out
+    assert (
+        "omnilab plugins | runs | repeat | repair | sweep | compare | submit | check | report | serve | view | world "
+        in out
+    )
     for kind in KINDS:
         assert re.search(rf"^{kind}: {', '.join(discover().names(kind))}$", out, re.MULTILINE)
     recipes = sorted(path.stem for path in (Path(__file__).parents[2] / "conf/experiment").glob("*.yaml"))

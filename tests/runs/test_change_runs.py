@@ -37,7 +37,9 @@ def run(omnilab_in, here):
 def test_a_row_for_every_method_in_every_condition(run):
     rows = load_run(run).table("changes")
     assert [(row["method"], row["condition"]) for row in rows] == [
-        (name, condition) for condition in ("unchanged", "raised", "same") for name in ("poc", "radon", "fourier_signature")
+        (name, condition)
+        for condition in ("unchanged", "raised", "same")
+        for name in ("poc", "radon", "fourier_signature")
     ]
     for row in rows:
         rates = [float(row[f"{verdict}_rate"]) for verdict in ("nearest", "second", "wrong")]

@@ -7,7 +7,7 @@ from enum import Enum
 
 import numpy as np
 
-from omnilab.api import Circle
+from omnilab.api import Circle, Floats
 from omnilab.cameras import CylindricalCamera, EquirectangularCamera
 from omnilab.errors import ConfigError, DataError
 from omnilab_recordings.images.circle import inscribed
@@ -136,7 +136,8 @@ def closes(sample: Sequence[DecodedImage]) -> bool | None:
     """Whether the right edges of images continue at their left; None where the edges are plain and cannot tell.
 
     First and last column of N images (N, H, W) are correlated over rows and images, beside neighbouring columns. Of three
-    images and more their mean is taken off first: what never changes, a dark surround say, tells nothing.
+    images and more their mean is taken off first: what never changes, a dark surround say, tells nothing; nor do
+    images whose columns are all alike.
     """
     pixels = np.stack([image.pixels for image in sample]).astype(np.float32)
     moving = len(pixels) >= MOVING
@@ -144,14 +145,20 @@ def closes(sample: Sequence[DecodedImage]) -> bool | None:
     power = (pixels**2).mean(axis=(0, 1))
     if min(power[0], power[-1]) <= max(PLAIN * float(np.median(power)), 1) or not (moving or _lively_ends(sample)):
         return None
-    near = (pixels * np.roll(pixels, -1, axis=2)).mean(axis=(0, 1)) / np.sqrt(power * np.roll(power, -1) + 1e-6)
+    near = _likeness(pixels, power, 1)
     usual, ends = float(np.median(near)), float(near[-1])  # the last column's neighbour is the first
-    if usual < LIKE_NEIGHBOURS:
+    if usual < LIKE_NEIGHBOURS or float(np.median(_likeness(pixels, power, pixels.shape[2] // 2))) >= CLOSES * usual:
         return None
     if ends >= CLOSES * usual:
         return True
     clear = min(float(near[0]), float(near[-2])) >= 0.5 * usual  # noise on plain columns is like nothing beside it
     return False if clear and ends <= APART * usual else None
+
+
+def _likeness(pixels: Floats, power: Floats, apart: int) -> Floats:
+    """The correlation of each column with the one so far to its right, around; pixels are (N, H, W), both others (W,)."""
+    alike: Floats = (pixels * np.roll(pixels, -apart, axis=2)).mean(axis=(0, 1))
+    return alike / np.sqrt(power * np.roll(power, -apart) + 1e-6)
 
 
 def _lively_ends(sample: Sequence[DecodedImage]) -> bool:

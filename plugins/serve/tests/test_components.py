@@ -7,6 +7,8 @@ import pytest
 from omnilab.client import Client, SubmissionRequest
 from omnilab.errors import OmnilabError
 
+pytestmark = pytest.mark.slow  # each waits for a process that imports the plugins
+
 BROKEN = "raise ImportError('no module named <script>alert(1)</script>')\n"
 
 

@@ -11,6 +11,8 @@ from omnilab.client import SubmissionRequest
 from omnilab_serve.composing import Composer, ComposerError, SettingError, check_request
 from omnilab_serve.settings import ServeSettings
 
+pytestmark = pytest.mark.slow  # each waits for a process that imports the plugins
+
 ECHO = """
 import json, os, sys, time
 for line in sys.stdin:

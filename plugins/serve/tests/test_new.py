@@ -13,6 +13,8 @@ from omnilab.runner.overrides.composition import compose
 from omnilab.runner.registry import discover
 from omnilab_serve.composing.composer import COMMAND
 
+pytestmark = pytest.mark.slow  # each waits for a process that imports the plugins
+
 
 @pytest.fixture
 def opened(serve, tab):
