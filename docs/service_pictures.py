@@ -45,7 +45,10 @@ def draw(tab: Page, address: str, client: Client) -> None:
     compared = "&".join(f"run={path}" for path in singles[::-1])
     take("compare", f"/compare?{compared}", 15, 1500)
     take("sweep", "/sweeps/steps?metric=position_error_median", 15, 1300)
+    take("sweeps", "/sweeps", height=420)
+    take("recipes", "/new", 3)
     take("new", "/new?experiment=quickstart", 3)
+    take("all_components", "/components", 60)
     take("components", "/components/descriptor/radon", 2)
     for overrides in QUEUED:
         client.submit(SubmissionRequest(overrides))

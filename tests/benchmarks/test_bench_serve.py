@@ -65,6 +65,13 @@ def served(logs: Path) -> Iterator[tuple[httpx.Client, int]]:
         yield found
 
 
+@pytest.fixture
+def measured(request):
+    """For what takes minutes, and shows nothing unless it is measured."""
+    if request.config.getoption("benchmark_disable"):
+        pytest.skip("benchmarks are off (--benchmark-enable)")
+
+
 @pytest.mark.benchmark(group="serve: ten thousand runs")
 def test_a_restart(benchmark, logs):
     def restarted():
@@ -123,7 +130,7 @@ def processor_s(pid: int) -> float:
 
 
 @pytest.mark.benchmark(group="serve: ten thousand runs")
-def test_idling(benchmark, served):
+def test_idling(benchmark, measured, served):
     _, pid = served
     before_s = processor_s(pid)
     benchmark.pedantic(time.sleep, (IDLE_S,), rounds=1)
@@ -145,7 +152,7 @@ def experiment_s(logs: Path) -> float:
 
 
 @pytest.mark.benchmark(group="serve: an experiment that is watched")
-def test_what_it_costs_an_experiment(benchmark, tmp_path):
+def test_what_it_costs_an_experiment(benchmark, measured, tmp_path):
     """Alone and watched in turns; what is watched is a page that shows the run."""
     experiment_s(tmp_path)  # fills the caches of the disk
 

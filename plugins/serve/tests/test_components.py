@@ -79,7 +79,7 @@ def test_worlds_are_drawn_once_by_each_camera(serve, tab, tmp_path, monkeypatch)
     served = serve()
     tab.goto(served.url + "/components/sensor/mirror")
     assert tab.locator("figcaption").all_inner_texts() == [
-        f"sensor.world={world}" for world in ("corridor", "office", "room", "square", "storey")
+        f"sensor.world={world}" for world in ("corridor", "office", "plain", "room", "square", "storey")
     ]
     served.client.timeout = 120
     first = served.client.get("/components/sensor/mirror/room.png")
