@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import struct
 import subprocess
 import sys
 import threading
@@ -14,7 +15,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from mcap.reader import make_reader
+from mcap.exceptions import McapError
+from mcap.reader import NonSeekingReader, make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from rerun.chunk import RrdReader
 
@@ -66,9 +68,12 @@ class Started:
         return (self.here / "logs" / "latest").resolve()
 
     def begun(self) -> bool:
-        """Whether the log holds something: the room is its first large record."""
-        file = self.folder / "run.mcap"
-        return file.exists() and file.stat().st_size > 1000
+        """Whether the log holds a message: what it says of the run comes before."""
+        try:
+            with (self.folder / "run.mcap").open("rb") as stream:
+                return any(True for _ in NonSeekingReader(stream).iter_messages(log_time_order=False))
+        except (OSError, McapError, struct.error):  # none yet, or half of one
+            return False
 
     @property
     def status(self) -> dict[str, object]:

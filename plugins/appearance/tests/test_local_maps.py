@@ -41,6 +41,7 @@ def noisy(seed, n=10, sets=1, noise=0.2):
     return exact * np.exp(factor + factor.swapaxes(1, 2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("maker", MAKERS, ids=NAMES)
 def test_keeps_the_contract(maker):
     check_embedder(maker)

@@ -61,6 +61,7 @@ def noisy(points, noise, rng):
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
+@pytest.mark.slow
 @given(HORIZONTAL, HORIZONTAL, st.floats(0.05, 0.9), st.sampled_from(Solver), st.integers(0, 9))
 @settings(max_examples=80, deadline=None)
 def test_exact_matches_give_the_exact_motion(phi, beta, length, solver, seed):

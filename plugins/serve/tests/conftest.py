@@ -120,9 +120,10 @@ def finished_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Those that open a browser, or need runs that were really made, are slow."""
+    """Those that open a browser, start runs for the queue, or need runs that were really made, are slow."""
     for item in items:
-        if {"tab", "finished_runs"} & set(getattr(item, "fixturenames", ())):
+        fixtures = set(getattr(item, "fixturenames", ()))
+        if {"tab", "finished_runs"} & fixtures or item.path.parent.name == "queueing":
             item.add_marker(pytest.mark.slow)
 
 
