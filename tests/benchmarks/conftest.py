@@ -20,6 +20,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
                 item.add_marker(pytest.mark.slow)
 
 
+@pytest.fixture
+def measured(request: pytest.FixtureRequest) -> None:
+    """For what takes minutes, and shows nothing unless it is measured."""
+    if not request.config.getoption("benchmark_enable"):
+        pytest.skip("benchmarks are off (--benchmark-enable)")
+
+
 @pytest.fixture(scope="session")
 def ten_thousand_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Finished runs: sweeps of a thousand jobs, over two settings and ten seeds. To be left as they are."""

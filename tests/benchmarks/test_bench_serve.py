@@ -65,13 +65,6 @@ def served(logs: Path) -> Iterator[tuple[httpx.Client, int]]:
         yield found
 
 
-@pytest.fixture
-def measured(request):
-    """For what takes minutes, and shows nothing unless it is measured."""
-    if request.config.getoption("benchmark_disable"):
-        pytest.skip("benchmarks are off (--benchmark-enable)")
-
-
 @pytest.mark.benchmark(group="serve: ten thousand runs")
 def test_a_restart(benchmark, logs):
     def restarted():

@@ -17,7 +17,7 @@ JOBS = [
 @pytest.mark.parametrize(
     "launcher", [[], ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]], ids=["serial", "joblib"]
 )
-def test_sweep_of_eight_jobs(benchmark, omnilab_in, tmp_path, launcher):
+def test_sweep_of_eight_jobs(benchmark, measured, omnilab_in, tmp_path, launcher):
     result = benchmark.pedantic(omnilab_in, (tmp_path, *JOBS, *launcher), {"timeout": 800}, rounds=1)
     assert result.rc == 0, result.stderr
     assert len(list(tmp_path.glob("logs/quickstart/*/[0-7]/metrics.csv"))) == 8
