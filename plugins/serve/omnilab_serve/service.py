@@ -69,19 +69,17 @@ class Service:
 
     def run(self, path: str) -> LoadedRun:
         """The run of a path; NotThereError if there is none."""
+        folder = self.folder(path)
         try:
-            return load_run(self.folder(path))
-        except NotThereError:
-            raise
+            return load_run(folder)
         except DataError as error:
             raise NotThereError(str(error)) from error
 
     def sweep(self, path: str) -> LoadedSweep:
         """The sweep of a path; NotThereError if there is none."""
+        folder = self.folder(path)
         try:
-            return load_sweep(self.folder(path))
-        except NotThereError:
-            raise
+            return load_sweep(folder)
         except DataError as error:
             raise NotThereError(str(error)) from error
 

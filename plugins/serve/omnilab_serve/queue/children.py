@@ -11,7 +11,6 @@ import fcntl
 import os
 import signal
 import subprocess
-import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from datetime import datetime
@@ -19,10 +18,10 @@ from pathlib import Path
 
 from omnilab.runner.run_folder import KILLED, process
 from omnilab.runner.run_folder.lock import RUN, Holder
+from omnilab_serve.commands import PROGRAM
 from omnilab_serve.queue.submission_file import Attempt
 from omnilab_serve.settings import TOKEN_VARIABLE
 
-PROGRAM = (sys.executable, "-P", "-m", "omnilab")  # -P: as the command omnilab, which imports nothing from here
 MARK = "OMNILAB_SUBMISSION"
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)  # the first, second and third time
 

@@ -16,6 +16,7 @@ from omnilab.runner.sweeps import load_sweep
 from omnilab.runner.sweeps.job_log import JOBS
 from omnilab.runner.sweeps.snapshot import Snapshot, snapshot
 from omnilab.runner.sweeps.status_table import overall, state
+from omnilab_serve.index.records import stage_progress
 from omnilab_serve.queue.submission_file import LONGEST_ERROR
 
 FINISHED = (DONE, FAILED, INTERRUPTED)  # as the run itself has said
@@ -89,8 +90,7 @@ def _too_little_memory(code: int, signals: int) -> str:
 def progress_of(folder: Path, sweep: bool) -> StageProgress | None:
     """How far what runs in a folder is; None where that is not known."""
     if not sweep:
-        found = read_progress(folder)
-        return StageProgress(found.fraction or 0.0, found.words, found.left_s) if found else None
+        return stage_progress(read_progress(folder))
     if not (folder / JOBS).is_file():
         return None
     try:

@@ -9,11 +9,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from omnilab.client import JobRecord, StageProgress, SweepRecord
-from omnilab.runner.run_folder.progress import RunProgress
+from omnilab.client import JobRecord, SweepRecord
 from omnilab.runner.sweeps import Job
 from omnilab.runner.sweeps.reader import SweepReader
 from omnilab.runner.sweeps.snapshot import Snapshot, snapshot
+from omnilab_serve.index.records import encodable, stage_progress
 from omnilab_serve.index.sweep_records import sweep_record
 
 KEPT = 16  # readers
@@ -48,14 +48,10 @@ def _job_record(seen: Snapshot, job: Job, sweep: str) -> JobRecord:
     return JobRecord(
         job.number,
         job.state,
-        job.overrides,
+        encodable(job.overrides),
         None if job.state == "planned" else f"{sweep}/{below}",
         {name: value if math.isfinite(value) else None for name, value in job.metrics.items()},
-        job.error,
+        encodable(job.error),
         seen.seconds(job),
-        _progress(seen.progress.get(job.number)),
+        stage_progress(seen.progress.get(job.number)),
     )
-
-
-def _progress(found: RunProgress | None) -> StageProgress | None:
-    return StageProgress(found.fraction or 0.0, found.words, found.left_s) if found else None

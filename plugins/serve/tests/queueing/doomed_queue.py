@@ -33,8 +33,9 @@ elif step == "ended":
     run_queue.RunQueue._end = die
 queue = queue_of(Path(logs))
 queue.start()
-for priority in (1, 0):
-    queue.submit(SubmissionRequest(["experiment=quick", *overrides], priority))
+with queue._mutex:  # neither is begun before both are there
+    for priority in (1, 0):
+        queue.submit(SubmissionRequest(["experiment=quick", *overrides], priority))
 if step == "waiting":
     while not Path(os.environ["STARTS"]).exists():
         time.sleep(0.02)
