@@ -111,7 +111,11 @@ def view_of(images: Bytes, camera: Camera, view: str, color: bool) -> Bytes:
         return mirror_view(images, camera)
     if view == "panorama":
         return panorama(images, camera)
-    raise ConfigError(f"view={view!r} is not known; a descriptor's view is 'mirror' or 'panorama'")
+    if view == "sphere":
+        from omnilab.cameras.sphere import sphere
+
+        return sphere(images, camera)
+    raise ConfigError(f"view={view!r} is not known; a descriptor's view is 'mirror', 'panorama' or 'sphere'")
 
 
 def encode(pixels: Bytes, format: str = "jpeg") -> bytes:

@@ -132,6 +132,7 @@ class Match:
 
     distance: Floats  # (Q, P) float32, smaller is more alike
     rotation_rad: Floats | None = None  # (Q, P) float32: query heading - place heading
+    R_place_query: Floats | None = None  # (Q, P, 3, 3) takes directions of the query's camera frame to the place's
 
 
 @dataclass(frozen=True)

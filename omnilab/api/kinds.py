@@ -67,7 +67,7 @@ class Disturbance(Protocol):
 class DescriptorDeclaration(Protocol):
     """What a descriptor declares about itself, before and after it was trained."""
 
-    view: ClassVar[str]  # the image it wants: "mirror" (square, as taken) or "panorama" (columns counter-clockwise)
+    view: ClassVar[str]  # the image it wants: "mirror" (square, as taken), "panorama" (counter-clockwise) or "sphere"
     rotation: ClassVar[str]  # under a rotation of the camera its signatures are "equivariant" (the last axis shifts),
     # "invariant", or neither ("none")
     default_distance: ClassVar[str]  # the distance it is compared with where none is named

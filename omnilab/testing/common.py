@@ -12,6 +12,7 @@ from omnilab.image import PANORAMA_SHAPE
 from omnilab.runner.boundaries import guard
 from omnilab.runner.registry import check_component
 
+SPHERE_SHAPE = (128, 256)
 SIDE = 96  # of the pictures that descriptors are tried on
 
 
@@ -30,7 +31,7 @@ def check_common(kind: str, component: Any) -> Any:
 
 def smooth_images(view: str, color: bool) -> Bytes:
     """Six smooth random pictures."""
-    shape = (6, SIDE, SIDE) if view == "mirror" else (6, *PANORAMA_SHAPE)
+    shape = (6, *{"mirror": (SIDE, SIDE), "sphere": SPHERE_SHAPE}.get(view, PANORAMA_SHAPE))
     rng = np.random.default_rng(11)
     layers = [np.clip(128 + 60 * smooth_noise(rng, shape), 0, 255).astype(np.uint8) for _ in range(3 if color else 1)]
     return np.stack(layers, axis=-1) if color else layers[0]

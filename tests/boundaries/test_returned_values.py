@@ -150,7 +150,7 @@ def test_what_was_trained_is_checked_too():
     [
         ("rotation", "spins", "rotation='spins', which is none of equivariant, invariant, none"),
         ("rotation", None, "rotation=None"),
-        ("view", "sphere", "view='sphere', which is none of mirror, panorama"),
+        ("view", "cube", "view='cube', which is none of mirror, panorama, sphere"),
         ("color", "no", "color='no', which is neither True nor False"),
     ],
 )

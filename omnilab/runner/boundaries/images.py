@@ -80,6 +80,8 @@ def match(found: Any, queries: api.Signatures, index: Any) -> None:
     array(found.distance, "`distance`", shape)
     if found.rotation_rad is not None:
         array(found.rotation_rad, "`rotation_rad`", found.distance.shape)
+    if found.R_place_query is not None:
+        array(found.R_place_query, "`R_place_query`", (*found.distance.shape, 3, 3))
 
 
 def _places(index: Any) -> int | None:

@@ -9,7 +9,7 @@ from omnilab import api
 from omnilab.errors import PluginError
 from omnilab.runner.boundaries import images, motions
 
-VIEWS, ROTATIONS = ("mirror", "panorama"), ("equivariant", "invariant", "none")
+VIEWS, ROTATIONS = ("mirror", "panorama", "sphere"), ("equivariant", "invariant", "none")
 
 
 class Check(NamedTuple):

@@ -17,5 +17,7 @@ from omnilab_appearance.descriptors.ring import Ring as Ring
 from omnilab_appearance.descriptors.ring_key import RingKey as RingKey
 from omnilab_appearance.descriptors.rotational_pca import RotationalPca as RotationalPca
 from omnilab_appearance.descriptors.sift import Sift as Sift
+from omnilab_appearance.descriptors.spherical_harmonics import SphericalHarmonics as SphericalHarmonics
+from omnilab_appearance.descriptors.spherical_power import SphericalPower as SphericalPower
 from omnilab_appearance.descriptors.surf import Surf as Surf
 from omnilab_appearance.descriptors.tiny_image import TinyImage as TinyImage
