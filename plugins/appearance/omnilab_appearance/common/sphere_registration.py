@@ -60,7 +60,8 @@ def _vertex(values: Floats) -> Floats:
 
 def _at(one: Complexes, other: Complexes, R: Floats, least_overlap: float) -> Floats:
     """Normalised correlations (n,) at rotations (n, 3, 3)."""
-    return normalized(one, other[None], lambda a, b: at_rotations(a, b[0], R)[None], least_overlap)[0]
+    found = normalized(one, other[None], lambda a, b: at_rotations(a, b[0], R)[None], least_overlap)
+    return np.asarray(found[0])
 
 
 def normalized(
