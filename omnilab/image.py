@@ -12,11 +12,14 @@ import numpy as np
 
 from omnilab.api import Bytes, Camera, Floats
 from omnilab.errors import ConfigError, DataError
+from omnilab.limits import check_work
 
 if TYPE_CHECKING:
     from omnilab.cameras import RayCamera
 
 PANORAMA_SHAPE = (128, 512)  # rows, columns: about the resolution that a 250 x 250 mirror image has at mid radius
+LARGEST_SIDE = 32764  # pixels, of what OpenCV remaps
+MAP_BYTES = 64.0  # of a panorama's pixel, while it is looked up where the camera shows it
 UNSEEN = -1e4  # the pixel of a direction that has none
 
 
@@ -71,7 +74,7 @@ def _through_mirror(images: Bytes, camera: Camera) -> Bytes:
 def panorama(images: Bytes, camera: Camera, shape: tuple[int, int] = PANORAMA_SHAPE) -> Bytes:
     """Panoramas (N, rows, columns[, 3]): up is up, column j looks to azimuth 2 pi j / columns (counter-clockwise).
 
-    What the camera does not show is black.
+    What the camera does not show is black. `panorama_shape` says at which size it loses nothing.
     """
     import cv2
 
@@ -82,9 +85,37 @@ def panorama(images: Bytes, camera: Camera, shape: tuple[int, int] = PANORAMA_SH
     return pictures
 
 
+@lru_cache(maxsize=64)
+def panorama_shape(camera: Camera) -> tuple[int, int]:
+    """Rows and columns of the panorama that has the camera's own resolution, and at least `PANORAMA_SHAPE`.
+
+    Of what the camera shows, a pixel of the panorama is as wide and as high as one of the camera, in the median over
+    azimuths and levels.
+    """
+    step = 1e-4
+    azimuth = 2 * np.pi * (np.arange(128) + 0.5)[None, :] / 128
+    level = (np.arange(64) + 0.5)[:, None] / 64
+
+    def pixels(da: float, dl: float) -> Floats:
+        return np.asarray(camera.unwrap(*np.broadcast_arrays(azimuth + da * step, level + dl * step)), float)
+
+    with np.errstate(invalid="ignore"):  # NaN: no pixel
+        shown = ((pixels(0, 0) > -0.5) & (pixels(0, 0) < [camera.width - 0.5, camera.height - 0.5])).all(axis=-1)
+    columns = 2 * np.pi * np.linalg.norm(pixels(1, 0) - pixels(-1, 0), axis=-1)[shown] / (2 * step)
+    rows = np.linalg.norm(pixels(0, 1) - pixels(0, -1), axis=-1)[shown] / (2 * step)
+    known = np.isfinite(rows) & np.isfinite(columns)
+    if not known.any():
+        return PANORAMA_SHAPE
+    own = round(float(np.median(rows[known]))), round(float(np.median(columns[known])))
+    return max(own[0], PANORAMA_SHAPE[0]), max(own[1], PANORAMA_SHAPE[1])
+
+
 @lru_cache(maxsize=8)
 def _panorama_map(camera: Camera, shape: tuple[int, int]) -> tuple[Floats, Floats]:
     rows, columns = shape
+    if max(shape) > LARGEST_SIDE:
+        raise ConfigError(f"a panorama of {rows} x {columns} pixels is too large; give at most {LARGEST_SIDE} a side")
+    check_work(f"the {rows} x {columns} pixels of a panorama", "give a smaller one", memory=MAP_BYTES * rows * columns)
     azimuth = 2 * np.pi * np.arange(columns) / columns
     level = 1 - (np.arange(rows) + 0.5) / rows
     uv = camera.unwrap(*np.broadcast_arrays(azimuth[None, :], level[:, None])).astype(np.float32)

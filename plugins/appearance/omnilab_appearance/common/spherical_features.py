@@ -10,27 +10,32 @@ import numpy.typing as npt
 
 from omnilab.api import Bools, Bytes, CalibratedCamera, Camera, Floats, Frames, ImageFeatures, Ints, Unusable
 from omnilab.errors import DataError
-from omnilab.image import PANORAMA_SHAPE, panorama, to_gray
+from omnilab.image import PANORAMA_SHAPE, panorama, panorama_shape, to_gray
+from omnilab.limits import check_work
 from omnilab_appearance.common.local_features import Detector
 from omnilab_appearance.common.vectors import unit
 
-SEAM = 16  # columns repeated on either side, so that features on the seam are found
+SEAM = 1 / 32  # of the columns are repeated on either side, so that features on the seam are found
 DARK = 8  # grey levels: an image in which nothing is brighter is black
 FLAT = 2.0  # grey levels: an image that varies less is flat
 CONTRAST = {"sift": 0.02, "surf": 0.02}  # detection thresholds
-COLUMNS_PER_ROW = PANORAMA_SHAPE[1] // PANORAMA_SHAPE[0]
+COLUMNS_PER_ROW = PANORAMA_SHAPE[1] // PANORAMA_SHAPE[0]  # where the rows are given
+MOST_ROWS = 8191  # OpenCV takes no more columns than are four times that
+# of a panorama's pixel: SIFT blurs the doubled picture 6 times in float32 and subtracts 5 times, in octaves that halve
+DETECTION_BYTES = {Detector.sift: 4 * 4 * 11 * 4 / 3, Detector.surf: 16.0}
 BORDER = 6  # pixels around what the camera does not show, where the edge of the black would be a feature
 
 
 def spherical_features(
-    frames: Frames, detector: Detector, count: int, least: int, rows: int = PANORAMA_SHAPE[0]
+    frames: Frames, detector: Detector, count: int, least: int, rows: int | None = None
 ) -> list[ImageFeatures | Unusable]:
     """The strongest `count` features of each image; an Unusable for a black or flat one, or one with fewer than `least`.
 
-    They are found on panoramas of so many rows, and four times as many columns.
+    They are found on panoramas of the camera's own resolution, or of so many rows and four times as many columns.
     """
-    camera, shape = frames.camera, (rows, COLUMNS_PER_ROW * rows)
-    valid = _valid_pixels(camera, shape)  # type: ignore[arg-type]  # cameras are frozen dataclasses
+    camera = frames.camera
+    shape = panorama_shape(camera) if rows is None else (rows, COLUMNS_PER_ROW * rows)  # type: ignore[arg-type]  # cameras are frozen dataclasses
+    valid = _valid_pixels(camera, shape, detector)  # type: ignore[arg-type]
     panoramas = panorama(to_gray(frames.images), camera, shape)
     return [_detect(image, camera, valid, detector, count, least) for image in panoramas]
 
@@ -43,9 +48,11 @@ def _detect(
         return Unusable("black")
     if values.std() < FLAT:
         return Unusable("flat: one grey level")
-    wide = np.concatenate([image[:, -SEAM:], image, image[:, :SEAM]], axis=1)
-    mask = np.concatenate([valid[:, -SEAM:], valid, valid[:, :SEAM]], axis=1)
+    seam = round(SEAM * image.shape[1])
+    wide = np.concatenate([image[:, -seam:], image, image[:, :seam]], axis=1)
+    mask = np.concatenate([valid[:, -seam:], valid, valid[:, :seam]], axis=1)
     uv, vectors = (_sift if detector is Detector.sift else _surf)(wide, mask, count)
+    uv = uv - [seam, 0]
     azimuth_level = _azimuth_level(uv, image.shape)
     directions = _directions(azimuth_level, camera)
     whole = (uv[:, 0] >= -0.5) & (uv[:, 0] < image.shape[1] - 0.5) & np.isfinite(directions).all(axis=1)
@@ -70,25 +77,33 @@ def _directions(azimuth_level: Floats, camera: Camera) -> Floats:
 
 
 @lru_cache(maxsize=8)
-def _valid_pixels(camera: Camera, shape: tuple[int, int]) -> Bools:
-    """Mask (H, W) of the panorama's pixels within the camera's frame, eroded by BORDER pixels."""
+def _valid_pixels(camera: Camera, shape: tuple[int, int], detector: Detector) -> Bools:
+    """Mask (H, W) of the panorama's pixels within the camera's frame, eroded by BORDER pixels.
+
+    ConfigError if the machine has no memory to find features on such a panorama.
+    """
     import cv2
 
     rows, columns = shape
-    v, u = np.mgrid[:rows, -SEAM : columns + SEAM].astype(float)
+    check_work(
+        f"the features of a panorama of {rows} x {columns} pixels",
+        "give fewer panorama_rows",
+        memory=DETECTION_BYTES[detector] * rows * columns,
+    )
+    v, u = np.mgrid[:rows, -BORDER : columns + BORDER].astype(float)
     azimuth, level = 2 * np.pi * u / columns, 1 - (v + 0.5) / rows
     pixels = camera.unwrap(azimuth, level)
     with np.errstate(invalid="ignore"):
         inside = ((pixels > -0.5) & (pixels < [camera.width - 0.5, camera.height - 0.5])).all(axis=-1)
     eroded = cv2.erode(inside.astype(np.uint8), np.ones((2 * BORDER + 1, 2 * BORDER + 1), np.uint8))
-    return np.asarray(eroded[:, SEAM:-SEAM] > 0)
+    return np.asarray(eroded[:, BORDER:-BORDER] > 0)
 
 
 def _sift(image: Bytes, mask: Bools, count: int) -> tuple[Floats, npt.NDArray[Any]]:
-    """Pixels (F, 2) of the panorama without its seam, and SIFT vectors (F, 128) uint8."""
+    """Pixels (F, 2) of a picture, and SIFT vectors (F, 128) uint8."""
     import cv2
 
-    wanted = int(1.25 * count)  # some are found twice, on either side of the seam
+    wanted = int(1.25 * count)  # some are found twice, on either side of the panorama's seam
     sift = cv2.SIFT_create(  # type: ignore[attr-defined]
         nfeatures=wanted, contrastThreshold=CONTRAST["sift"], enable_precise_upscale=True
     )
@@ -99,18 +114,18 @@ def _sift(image: Bytes, mask: Bools, count: int) -> tuple[Floats, npt.NDArray[An
     order = np.argsort([-point.response for point in points], kind="stable")
     _, first = np.unique(uv[order], axis=0, return_index=True)  # a keypoint of two orientations counts once
     order = order[np.sort(first)]
-    return uv[order] - [SEAM, 0], vectors[order].astype(np.uint8)
+    return uv[order], vectors[order].astype(np.uint8)
 
 
 def _surf(image: Bytes, mask: Bools, count: int) -> tuple[Floats, npt.NDArray[Any]]:
-    """Pixels (F, 2) of the panorama without its seam, and SURF vectors (F, 64) float16."""
+    """Pixels (F, 2) of a picture, and SURF vectors (F, 64) float16."""
     from mahotas.features import surf
 
     found = surf.surf(image, threshold=CONTRAST["surf"], max_points=int(1.25 * count))
     found = found[np.argsort(-found[:, 3], kind="stable")]  # y, x, scale, score, laplacian, angle, vector
     v, u = np.rint(found[:, :2]).astype(int).T
     found = found[mask[np.clip(v, 0, len(mask) - 1), np.clip(u, 0, mask.shape[1] - 1)]]
-    return found[:, 1::-1] - [SEAM, 0], found[:, 6:].astype(np.float16)
+    return found[:, 1::-1], found[:, 6:].astype(np.float16)
 
 
 def check_calibrated(camera: Camera, instead: str) -> None:

@@ -12,12 +12,12 @@ from omnilab.api import Floats, Frames, ImageFeatures, Motion, Signatures, Unusa
 from omnilab.geometry import wrap_angle
 from omnilab.image import PANORAMA_SHAPE, view_of
 from omnilab_appearance.common.local_features import Detector
-from omnilab_appearance.common.spherical_features import match_features, spherical_features
+from omnilab_appearance.common.spherical_features import MOST_ROWS, match_features, spherical_features
 from omnilab_appearance.descriptors.radon import Radon
 from omnilab_appearance.distances.poc import Poc
 
 SAME = 1e-6  # POC distance below which two images are the same one
-STARTS = PANORAMA_SHAPE[1]  # of the window: one per column
+STARTS = PANORAMA_SHAPE[1]  # of the window, whatever the size of the panorama
 
 
 class Ties(Enum):
@@ -47,6 +47,9 @@ class Appearance:
 
     detector: Detector = Detector.surf  # as printed; or sift
     features: int = setting(400, at_least=1, at_most=10_000)  # at most so many of each image
+    panorama_rows: int | None = setting(
+        None, at_least=32, at_most=MOST_ROWS
+    )  # of the panorama that they are found on, 4 columns each; not given: the camera's own resolution
     ratio: float = setting(0.8, above=0, at_most=1)  # of Lowe's test
     least: int = setting(10, at_least=2)  # matches; with fewer the estimate fails
     ties: Ties = Ties.first  # as printed; or middle of the windows that win
@@ -63,7 +66,7 @@ class Appearance:
     def extract(self, frames: Frames) -> list[AppearanceFeatures | Unusable]:
         """The Radon transform and the features of each image."""
         radon = Radon(self.offsets, self.angles).describe(view_of(frames.images, frames.camera, "mirror", False))
-        found = spherical_features(frames, self.detector, self.features, self.least)
+        found = spherical_features(frames, self.detector, self.features, self.least, self.panorama_rows)
         return [f if isinstance(f, Unusable) else AppearanceFeatures(radon[i : i + 1], f) for i, f in enumerate(found)]
 
     def estimate(self, before: AppearanceFeatures, now: AppearanceFeatures, rng: np.random.Generator) -> Motion:  # noqa: ARG002

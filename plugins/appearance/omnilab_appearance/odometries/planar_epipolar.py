@@ -25,6 +25,7 @@ from omnilab_appearance.common.ground_scale import GroundStep, ground_step
 from omnilab_appearance.common.local_features import Detector
 from omnilab_appearance.common.relative_pose import CORRELATED, RelativePose, Solver, pose_of
 from omnilab_appearance.common.spherical_features import (
+    MOST_ROWS,
     check_calibrated,
     directions_of,
     match_features,
@@ -59,15 +60,15 @@ class PlanarEpipolar:
     length is that of matched points of the floor, in heights of the camera above it (metres with `height_m`), or the
     squared POC distance of the Radon transforms (Berenguer, thesis, eq. 6.4-6.5), in its own unit.
 
-    A camera sharper than 128 x 512 pixels over the panorama, such as a 360-degree camera, matches images farther apart with
-    more `panorama_rows` and `features`; both cost time.
+    The panorama has the camera's own resolution: `omnilab.image.panorama_shape`. Fewer `panorama_rows` save time, and
+    more `features` match images farther apart.
     """
 
     detector: Detector = Detector.sift  # or surf, less precise
     features: int = setting(400, at_least=1, at_most=10_000)  # at most so many of each image
-    panorama_rows: int = setting(
-        128, at_least=32, at_most=2048
-    )  # of the panorama that they are found on, 4 columns each
+    panorama_rows: int | None = setting(
+        None, at_least=32, at_most=MOST_ROWS
+    )  # of the panorama that they are found on, 4 columns each; not given: the camera's own resolution
     ratio: float = setting(0.8, above=0, at_most=1)  # a match is so much nearer than the second best
     solver: Solver = Solver.two_point  # minimal; or linear, on four points as printed
     tolerance_deg: float = setting(0.5, above=0, at_most=10)  # of a match from its epipolar plane
