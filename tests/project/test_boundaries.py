@@ -38,7 +38,7 @@ MAY_IMPORT = {
     "trajectory": {"api", "errors", "file_kinds", "geometry", "posegraph"},
     "client": {"atomic_files", "errors"},
     "cameras": {"api", "atomic_files", "errors", "file_kinds", "geometry"},
-    "image": {"api", "errors", "cameras"},
+    "image": {"api", "errors", "cameras", "limits"},
     "": {"api", "hooks", "renamed"},
     "runner": {
         "",
