@@ -273,7 +273,7 @@ def test_view_range_keeps_the_contract_and_measures_odometry(small):
     assert report.tables["drives"]["drive"] == [0, 1, 2, 0, 1] * 2
     assert found["one_small_rms"] == pytest.approx(np.mean(report.tables["drives"]["rms_m"][5:8]))
     assert found["said"] == 2 * 3 + 2 * 2
-    assert set(report.figures) == {"ranges", "nees", "drive"}
+    assert set(report.figures) == {"scenarios", "ranges", "nees", "drive"}
     paths = {path for path, _, _ in log.records}
     assert {"truth", "odometry", "walls", "trajectory", "views", "candidates", "bearings", "robot"} <= paths
     assert report.summary.startswith("## Error against the range")

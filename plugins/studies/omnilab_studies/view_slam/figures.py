@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from omnilab.api import Floats
+from omnilab_studies.common.plots import as_floor_plan, style_of
 from omnilab_studies.common.plots import blank_figure as blank
-from omnilab_studies.common.plots import style_of
 from omnilab_studies.view_slam.consistency import ellipses
 from omnilab_studies.view_slam.display import error_bands
 from omnilab_studies.view_slam.drives import Drive
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-GREY = "#8a94a6"
+GREY, ODOMETRY, ESTIMATE, VIEW = "#8a94a6", "#e9a320", "#2f6db3", "#d1403f"
+SEEN_SHARE = 0.02  # of the map's extent: half the length of an ellipse that can be seen
 Rows = Sequence[Mapping[str, Any]]
 
 
@@ -83,41 +84,114 @@ def consistency(rows: Rows, key: str, label: str, names: Sequence[str]) -> Figur
 
 
 def drive(done: Drive, ground: Scenario, estimate: FilterEstimate, name: str, range_m: float) -> Figure:
-    """A drive from above, views with ellipses of two standard deviations, and the errors with theirs (figures 8 to 10)."""
-    figure = blank(11.5, 5.6)
-    left, right = np.asarray(figure.subfigures(1, 2, width_ratios=(1.1, 1)))
-    above = left.subplots()
-    for wall in ground.walls_m:
-        above.plot(*wall.T, color="#3b4250", linewidth=2)
-    above.plot(*done.odometry[:, :2].T, "--", color="#e9a320", linewidth=1, label="odometry")
-    above.plot(*done.truth[:, :2].T, ":", color="black", linewidth=1.4, label="truth")
-    above.plot(*estimate.poses[:, :2].T, color="#2f6db3", linewidth=1.2, label=name)
-    draw_views(above, estimate.views, estimate.view_covariances)
-    above.set(
-        xlabel="x [m]", ylabel="y [m]", aspect="equal", title=f"{ground.name}, views observed within {range_m:g} m"
-    )
-    above.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=4)
-    above.spines[["top", "right"]].set_visible(False)
-    draw_errors(right.subplots(3, 1, sharex=True), *error_bands(estimate.poses, estimate.covariances, done.truth))
+    """A drive from above, with walls, views and their ellipses, and the errors with their bands (figures 8 to 10)."""
+    title = f"{ground.name}, views observed within {range_m:g} m"
+    return _map_and_errors(done.truth, done.odometry, ground.walls_m, estimate, name, title)
+
+
+def maps(
+    truth: Floats, odometry: Floats, walls_m: Floats, estimates: Mapping[str, FilterEstimate]
+) -> dict[str, Figure]:
+    """For each filter: the trajectories (T, 3) from above among walls (W, 2, 2), and the errors (figures 8 to 10)."""
+    return {
+        name: _map_and_errors(truth, odometry, walls_m, one, name, f"{len(one.views)} views")
+        for name, one in estimates.items()
+    }
+
+
+def scenarios(drives: Mapping[str, tuple[Scenario, Drive]], range_m: float) -> Figure:
+    """Scenarios from above: path, odometry, views at random, and the range about the robot half-way (figure 5)."""
+    figure = blank(5.6 * len(drives), 5.6)
+    for axes, (name, (ground, done)) in zip(
+        figure.subplots(1, len(drives), squeeze=False)[0], drives.items(), strict=True
+    ):
+        _draw_walls(axes, ground.walls_m)
+        axes.plot(*done.odometry[:, :2].T, ":", color=ODOMETRY, linewidth=1.3, label="odometry")
+        axes.plot(*done.truth[:, :2].T, color="black", linewidth=1.2, label="truth")
+        axes.plot(*done.truth[done.view_steps, :2].T, "o", color=VIEW, markersize=4.5, label="views")
+        middle = len(ground.lap) // 2
+        robot = done.truth[middle, :2]
+        angle = np.linspace(0, 2 * np.pi, 181)
+        circle = robot[:, None] + range_m * np.array([np.cos(angle), np.sin(angle)])
+        axes.plot(*circle, "--", color=GREY, linewidth=1, label=f"range of observation, {range_m:g} m")
+        axes.plot(*robot, "^", color=ESTIMATE, markersize=8, label="robot")
+        seen = done.truth[done.view_steps[done.candidates(middle, range_m)], :2]
+        axes.plot(*seen.T, "o", markerfacecolor="none", color=ESTIMATE, markersize=9, label="views it observes there")
+        _as_map(axes, name)
+    legend = {
+        label: handle for axes in figure.axes for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(legend.values(), legend.keys(), loc="outside lower center", ncols=4, frameon=False, fontsize=8)
     return figure
 
 
+def _map_and_errors(
+    truth: Floats, odometry: Floats, walls_m: Floats, estimate: FilterEstimate, name: str, title: str
+) -> Figure:
+    """Trajectories (T, 3), walls (W, 2, 2) and views from above; the errors of estimate and odometry beside them."""
+    figure = blank(12.5, 5.8)
+    figure.set_layout_engine("constrained", h_pad=0.1)  # or legends push titles off the subfigures
+    left, right = np.asarray(figure.subfigures(1, 2, width_ratios=(1.2, 1)))
+    above = left.subplots()
+    _draw_walls(above, walls_m)
+    above.plot(*odometry[:, :2].T, "--", color=ODOMETRY, linewidth=1, label="odometry")
+    above.plot(*truth[:, :2].T, color="#b9c2cf", linewidth=3, label="truth")
+    above.plot(*estimate.poses[:, :2].T, color=ESTIMATE, linewidth=1, label=name)
+    draw_views(above, estimate.views, estimate.view_covariances)
+    _as_map(above, title)
+    left.legend(*above.get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False, fontsize=8)
+    panels = right.subplots(3, 1, sharex=True)
+    draw_errors(panels, *error_bands(estimate.poses, estimate.covariances, truth), name)
+    off, _ = error_bands(odometry, estimate.covariances, truth)
+    for axes, values in zip(panels, off, strict=True):
+        axes.plot(values, "--", color=ODOMETRY, linewidth=1, label="odometry")
+    right.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False, fontsize=8)
+    return figure
+
+
+def _draw_walls(axes: Axes, walls_m: Floats) -> None:
+    """Walls (W, 2, 2), under what is drawn after them."""
+    from matplotlib.collections import LineCollection
+
+    if len(walls_m):
+        axes.add_collection(LineCollection(list(walls_m), colors="#3b4250", linewidths=1.4, zorder=1, label="walls"))
+
+
+def _as_map(axes: Axes, title: str) -> None:
+    """A floor plan in metres."""
+    as_floor_plan(axes, title)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
 def draw_views(axes: Axes, views: Floats, covariances: Floats) -> None:
-    """Views (N, 3) as dots with the ellipses of their covariances (N, 3, 3)."""
-    axes.plot(*views[:, :2].T, "o", color="#d1403f", markersize=3.5, label="views, 2σ")
-    for outline in ellipses(views[:, :2], covariances[:, :2, :2]):
-        axes.fill(*outline.T, facecolor="#d1403f", alpha=0.18, edgecolor="#d1403f", linewidth=0.8)
+    """Views (N, 3) as dots with the ellipses of their covariances (N, 3, 3), magnified by what the legend says."""
+    factor = magnification(covariances, max(axes.dataLim.width, axes.dataLim.height))
+    label = "views, 2σ" if factor == 1 else f"views, 2σ times {factor:g}"
+    axes.plot(*views[:, :2].T, "o", color=VIEW, markersize=2.5, label=label)
+    for outline in ellipses(views[:, :2], covariances[:, :2, :2], 2.0 * factor):
+        axes.fill(*outline.T, facecolor=VIEW, alpha=0.18, edgecolor=VIEW, linewidth=0.8)
 
 
-def draw_errors(panels: Any, error: Floats, sigma: Floats) -> None:
+def magnification(covariances: Floats, extent_m: float) -> float:
+    """The first of 1, 2, 5, 10, ... 1000 by which the median ellipse of covariances (N, 3, 3) can be seen on a map of an extent."""
+    if len(covariances) == 0:
+        return 1.0
+    half = 2 * np.sqrt(np.median(np.linalg.eigvalsh(covariances[:, :2, :2])[:, 1]))
+    factors = [base * 10.0**power for power in range(3) for base in (1, 2, 5)] + [1000.0]
+    return next((factor for factor in factors if factor * half >= SEEN_SHARE * extent_m), 1000.0)
+
+
+def draw_errors(panels: Any, error: Floats, sigma: Floats, name: str) -> None:
     """Errors (3, T) in x, y, heading over the steps, within two standard deviations (3, T)."""
     for axes, values, width, label in zip(panels, error, sigma, ("x [m]", "y [m]", "heading [°]"), strict=True):
-        axes.fill_between(np.arange(len(values)), -2 * width, 2 * width, color="#2f6db3", alpha=0.18, linewidth=0)
-        axes.plot(values, color="#2f6db3", linewidth=1)
+        axes.fill_between(
+            np.arange(len(values)), -2 * width, 2 * width, color=ESTIMATE, alpha=0.18, linewidth=0, label=f"{name}, ±2σ"
+        )
+        axes.plot(values, color=ESTIMATE, linewidth=1, label=name)
         axes.axhline(0, color=GREY, linewidth=0.7)
         axes.set_ylabel(f"error in {label}")
         axes.spines[["top", "right"]].set_visible(False)
-    panels[0].set_title("errors and ±2σ", fontsize=10)
+    panels[0].set_title("errors", fontsize=10)
     panels[-1].set_xlabel("step")
 
 
@@ -143,22 +217,3 @@ def _finish(axes: Axes) -> None:
     axes.grid(alpha=0.25)
     axes.legend(fontsize=8, frameon=False)
     axes.spines[["top", "right"]].set_visible(False)
-
-
-def maps(truth: Floats, odometry: Floats, estimates: Mapping[str, FilterEstimate]) -> dict[str, Figure]:
-    """For each filter: the trajectories (T, 3) from above with views and ellipses, and errors with bands (figures 8 to 10)."""
-    made = {}
-    for name, one in estimates.items():
-        figure = blank(12.5, 5.6)
-        left, right = np.asarray(figure.subfigures(1, 2, width_ratios=(1.3, 1)))
-        above = left.subplots()
-        above.plot(*odometry[:, :2].T, "--", color="#e9a320", linewidth=1, label="odometry")
-        above.plot(*truth[:, :2].T, color="#b9c2cf", linewidth=3, label="truth")
-        above.plot(*one.poses[:, :2].T, color="#2f6db3", linewidth=1, label=name)
-        draw_views(above, one.views, one.view_covariances)
-        above.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title=f"{len(one.views)} views")
-        above.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=4)
-        above.spines[["top", "right"]].set_visible(False)
-        draw_errors(right.subplots(3, 1, sharex=True), *error_bands(one.poses, one.covariances, truth))
-        made[name] = figure
-    return made

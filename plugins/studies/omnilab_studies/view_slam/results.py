@@ -33,8 +33,8 @@ class FilterResult(NamedTuple):
     row: dict[str, Any]  # of the table `filters`
 
 
-def report(run: ViewMappingRun, record: Recorder) -> Report:
-    """Metrics, tables, figures and files of a run; the first filter's errors into the logs."""
+def report(run: ViewMappingRun, walls_m: Floats, record: Recorder) -> Report:
+    """Metrics, tables, figures among walls (W, 2, 2), and files of a run; the first filter's errors into the logs."""
     truth, odometry = np.array(run.truth), np.array(run.odometry)
     filters = {name: _filter_result(run, name, truth) for name in run.mappers}
     first = next(iter(filters.values())).estimate
@@ -48,7 +48,7 @@ def report(run: ViewMappingRun, record: Recorder) -> Report:
     return Report(
         metrics,
         tables={"filters": columns_of(rows), "steps": _step_table(run, poses)},
-        figures=figures.maps(truth, odometry, {name: result.estimate for name, result in filters.items()}),
+        figures=figures.maps(truth, odometry, walls_m, {name: result.estimate for name, result in filters.items()}),
         files={f"{name}.tum": tum_text(matrices(p), stamps_ns) for name, p in poses.items()},
         summary=markdown_table(metrics, "Maps of views"),
     )

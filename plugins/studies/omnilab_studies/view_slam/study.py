@@ -22,6 +22,7 @@ from omnilab_studies.view_slam.layout import VIEW_SLAM
 from omnilab_studies.view_slam.mapping_run import VIEWS, ViewMappingRun
 from omnilab_studies.view_slam.results import report
 from omnilab_studies.view_slam.saved_views import ViewWriter, check_sensors
+from omnilab_studies.view_slam.wall_lines import wall_lines
 
 FINE = 40  # samples of each step of a path, to space images along it
 MOST_IMAGES = 1_000_000  # of a path: more would take a day and more
@@ -93,7 +94,8 @@ class ViewSlam:
             raise DataError(f"a sequence of {len(mapping.truth)} image makes no trajectory; give 2 or more")
         if writer:
             writer.close(next(iter(mapping.mappers.values())).map.views())
-        return report(mapping, record)
+        assert plan.T_world_camera is not None
+        return report(mapping, wall_lines(parts.sensor.scene(), float(plan.T_world_camera[0, 2, 3])), record)
 
     def _plan(self, parts: Parts) -> Plan:
         """The images of the trajectory, in their order."""

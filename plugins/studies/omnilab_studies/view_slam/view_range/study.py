@@ -76,13 +76,14 @@ class ViewRange:
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Run every filter on the same drives, in every scenario and at every range; measure."""
         filters, base = filters_of(parts), int(rng.integers(2**32))
-        grounds = [scenario(name) for name in self.scenarios]
+        grounds, firsts = [scenario(name) for name in self.scenarios], dict[str, tuple[Scenario, Drive]]()
         record.log("", VIEW_MAP)
         comparison = FilterComparison(filters, self.seeds, self.fewer_seeds, record, rng)
         for ground in grounds:
             drives = self._drives(ground, base)
+            firsts[ground.name] = ground, drives[0]
             self._compare(comparison, ground, drives, list(filters), record)
-        return self._report(comparison, filters, drives[0], ground, record)
+        return self._report(comparison, filters, firsts, record)
 
     def _drives(self, ground: Scenario, base: int) -> list[Drive]:
         """The drives of all seeds through a scenario."""
@@ -99,13 +100,14 @@ class ViewRange:
             comparison.compare(name, own, range_m, case, f"{ground.name}, {range_m:g} m")
 
     def _report(
-        self, comparison: FilterComparison, filters: Mapping[str, ViewFilter], drive: Drive, ground: Scenario,
-        record: Recorder,
+        self, comparison: FilterComparison, filters: Mapping[str, ViewFilter],
+        firsts: Mapping[str, tuple[Scenario, Drive]], record: Recorder,
     ) -> Report:  # fmt: skip
-        """Metrics, tables, figures; and a drive in the logs, by the first filter."""
-        rows, names = comparison.rows, list(filters)
+        """Metrics, tables, figures; and the last of the scenarios' first drives in the logs, by the first filter."""
+        rows, names, (ground, drive) = comparison.rows, list(filters), list(firsts.values())[-1]
         estimate = show_drive(record, filters[names[0]], drive, ground, self.shown_range_m)
         drawn = {
+            "scenarios": figures.scenarios(firsts, self.shown_range_m),
             "ranges": figures.against_range(rows, names),
             "nees": figures.consistency(rows, "range_m", "range of observation [m]", names),
             "drive": figures.drive(drive, ground, estimate, names[0], self.shown_range_m),
