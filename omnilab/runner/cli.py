@@ -346,6 +346,13 @@ def sweep(argv: list[str]) -> int:
     return command(argv)
 
 
+def fidelity(argv: list[str]) -> int:
+    """Measure what the publications behind the recipes claim."""
+    with uninterrupted():
+        from omnilab.runner.fidelity.command import fidelity as command  # and Hydra, which composes recipes
+    return command(argv)
+
+
 def submit(argv: list[str]) -> int:
     """Put an experiment into the queue of a server."""
     from omnilab.runner.remote.commands import submit as command  # and the network
@@ -360,5 +367,6 @@ COMMANDS: dict[str, hooks.Command] = {
     "repair": repair,
     "sweep": sweep,
     "compare": compare,
+    "fidelity": fidelity,
     "submit": submit,
 }

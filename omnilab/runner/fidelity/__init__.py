@@ -1,0 +1,1 @@
+"""What the publications behind the recipes claim, measured: `omnilab fidelity`."""

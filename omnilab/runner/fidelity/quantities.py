@@ -1,0 +1,120 @@
+"""What a claim is about: a metric of a run, a cell of one of its tables, or a quotient of two of these."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from omnilab.errors import ConfigError, DataError
+from omnilab.runner.compare.gathering import ComparedRun
+from omnilab.runner.run_folder import load_run
+
+CELL = re.compile(r"(?P<table>[\w-]+)\.csv(\[(?P<where>[^\]]+)\])?\.(?P<column>\w+)")
+OF_COLUMN = re.compile(r"(?P<statistic>\w+)\((?P<cell>.+)\)")
+STATISTICS: dict[str, Callable[[Sequence[float]], float]] = {
+    "mean": lambda values: math.fsum(values) / len(values),
+    "max": max,
+}
+METRIC = re.compile(r"[^\s\[\]/]+")
+OVER = " / "
+
+
+@dataclass(frozen=True)
+class Term:
+    """A metric; or a cell of a table, the column of the row in which other columns have given values; or a statistic of
+    a column over such rows."""
+
+    run: str
+    name: str  # of the metric, or the column
+    table: str = ""
+    where: tuple[tuple[str, str], ...] = ()
+    statistic: str = ""
+
+    def value(self, run: ComparedRun) -> float:
+        """In one run; NaN where it has no value. DataError if it was not measured."""
+        if not self.table:
+            if self.name not in run.metrics:
+                raise DataError(f"{run.folder} has no metric {self.name}; run it again")
+            return float(run.metrics[self.name])
+        rows = [row for row in load_run(run.folder).table(self.table) if self._fits(row)]
+        if not rows or (len(rows) > 1 and not self.statistic) or self.name not in rows[0]:
+            conditions = " and ".join(map("=".join, self.where)) or "anything"
+            raise DataError(
+                f"{run.folder}/{self.table}.csv has {len(rows)} rows with {conditions}, and a column {self.name} is"
+                " wanted of one: correct the claim, or run it again"
+            )
+        try:
+            values = [float(row[self.name] or math.nan) for row in rows]
+        except ValueError as error:
+            raise DataError(
+                f"{run.folder}/{self.table}.csv: {self.name} is no number ({error}); run it again"
+            ) from error
+        return STATISTICS[self.statistic](values) if self.statistic else values[0]
+
+    def _fits(self, row: Mapping[str, str]) -> bool:
+        return all(row.get(column) == value for column, value in self.where)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A term, or one over another, `A / B`, of the same run."""
+
+    text: str
+    term: Term
+    over: Term | None = None
+
+    @property
+    def runs(self) -> list[str]:
+        return [self.term.run]
+
+    @property
+    def metrics(self) -> list[str]:
+        """The names of the metrics in it."""
+        return [term.name for term in (self.term, self.over) if term is not None and not term.table]
+
+    def values(self, runs: Sequence[ComparedRun]) -> list[float]:
+        """In each run."""
+        if self.over is None:
+            return [self.term.value(run) for run in runs]
+        return [_quotient(self.term.value(run), self.over.value(run)) for run in runs]
+
+    def interval(self, run: ComparedRun) -> tuple[float, float] | None:
+        """The run's own interval of 95 %; None if it has none."""
+        return None if self.over or self.term.table else run.intervals.get(self.term.name)
+
+    def unit(self, run: ComparedRun) -> str:
+        """As metrics.csv has it; none of a quotient or a table's cell, whose column says it."""
+        unit = "" if self.over or self.term.table else run.units.get(self.term.name, "")
+        return "" if unit == "1" else unit
+
+
+def parsed_quantity(text: str, run: str) -> Quantity:
+    """Of `METRIC`, `TABLE.csv[COLUMN=VALUE,...].COLUMN`, `mean(TABLE.csv.COLUMN)`, or two of these with ` / ` between.
+
+    ConfigError otherwise.
+    """
+    if not run:
+        raise ConfigError(f"the metric '{text}' is of no run; say `run` beside it")
+    first, *others = (_term(part.strip(), run) for part in text.split(OVER))
+    if len(others) > 1:
+        raise ConfigError(f"'{text}' has more than one quotient; give METRIC / METRIC")
+    return Quantity(text, first, others[0] if others else None)
+
+
+def _term(text: str, run: str) -> Term:
+    if (of := OF_COLUMN.fullmatch(text)) and of["statistic"] in STATISTICS:
+        return replace(_term(of["cell"], run), statistic=of["statistic"])
+    if found := CELL.fullmatch(text):
+        pairs = [pair.strip().partition("=") for pair in (found["where"] or "").split(",") if pair.strip()]
+        return Term(run, found["column"], found["table"], tuple((name, value) for name, _, value in pairs))
+    if not METRIC.fullmatch(text):
+        raise ConfigError(
+            f"'{text}' is no metric; give its name, or TABLE.csv[COLUMN=VALUE].COLUMN for a cell of a table"
+        )
+    return Term(run, text)
+
+
+def _quotient(value: float, over: float) -> float:
+    return value / over if over else math.nan

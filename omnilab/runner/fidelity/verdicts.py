@@ -1,0 +1,110 @@
+"""Estimates over seeds, what is expected of them, and the verdict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+REACHED, BY_VARIANT = "reached", "reached by the variant"
+NOT_REACHED, OTHER_ORDER = "not reached", "other order"
+NOT_MEASURED, NOT_TESTED = "not measured", "cannot be tested"
+VERDICTS = (REACHED, BY_VARIANT, NOT_REACHED, OTHER_ORDER, NOT_MEASURED, NOT_TESTED)
+CONFIDENCE = 0.95
+FALLING, RISING = "falling", "rising"
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value over the runs of some seeds."""
+
+    value: float
+    seeds: int
+    low: float | None = None
+    high: float | None = None
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """When a claim holds: about a value, at least or at most one, or an order of named values."""
+
+    about: float | None = None
+    within: float = 0.0
+    at_least: float | None = None
+    at_most: float | None = None
+    order: str = ""  # of the values as they are listed: FALLING or RISING
+
+    @classmethod
+    def parsed(cls, content: Any) -> Expectation:
+        """Of {about, within}, {at_least}, {at_most}, both of these, or {order}; ValueError or TypeError otherwise."""
+        if not isinstance(content, dict):
+            raise TypeError("`expect` should be a mapping")
+        keys = set(content)
+        if keys == {"order"} and content["order"] in (FALLING, RISING):
+            return cls(order=content["order"])
+        numbers = {key: float(value) for key, value in content.items()}
+        if keys in ({"about", "within"}, {"at_least"}, {"at_most"}, {"at_least", "at_most"}):
+            return cls(**numbers)
+        raise ValueError(
+            "`expect` has about with within, at_least, at_most, or an order that is falling or rising;"
+            f" not {', '.join(sorted(keys))}"
+        )
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """The least and the greatest value with which the claim holds."""
+        if self.about is not None:
+            return self.about - self.within, self.about + self.within
+        low, high = self.at_least, self.at_most
+        return -math.inf if low is None else low, math.inf if high is None else high
+
+    @property
+    def words(self) -> str:
+        """As in the table."""
+        if self.order:
+            return f"{self.order}, in this order"
+        if self.about is not None:
+            return f"{self.about:g} ± {self.within:g}"
+        words = [f"at least {self.at_least:g}"] if self.at_least is not None else []
+        words += [f"at most {self.at_most:g}"] if self.at_most is not None else []
+        return ", ".join(words)
+
+    def holds(self, estimates: Sequence[Estimate]) -> bool:
+        """Whether estimates, in the order in which they are listed, are as expected. NaN never is."""
+        values = [estimate.value for estimate in estimates]
+        if self.order:
+            falling = values if self.order == FALLING else values[::-1]
+            return all(first > second for first, second in pairwise(falling))
+        low, high = self.limits
+        return all(low <= value <= high for value in values)
+
+
+Estimates = Mapping[str, Estimate] | None  # None: something of it was not measured
+
+
+def verdict(expect: Expectation | None, protocol: Estimates, variant: Estimates) -> str:
+    """The verdict on a claim that can be tested."""
+    if expect is None:
+        return NOT_TESTED
+    if protocol is not None and expect.holds(list(protocol.values())):
+        return REACHED
+    if variant is not None and expect.holds(list(variant.values())):
+        return BY_VARIANT
+    if protocol is None:
+        return NOT_MEASURED
+    return OTHER_ORDER if expect.order else NOT_REACHED
+
+
+def estimate(values: Sequence[float], own: tuple[float, float] | None = None, unit: str = "") -> Estimate:
+    """The mean over seeds, with Student's interval of 95 %; of a single run, its value and its own interval, if any."""
+    mean, count = math.fsum(values) / len(values), len(values)
+    if count == 1:
+        return Estimate(mean, 1, *(own or (None, None)), unit=unit)
+    from scipy.special import stdtrit
+
+    spread = math.sqrt(math.fsum((value - mean) ** 2 for value in values) / (count - 1) / count)
+    half = float(stdtrit(count - 1, (1 + CONFIDENCE) / 2)) * spread
+    return Estimate(mean, count, mean - half, mean + half, unit)
