@@ -86,7 +86,7 @@ THIRD_PARTY = {  # which modules of omnilab may import what, beside numpy
         "runner.compare.command", "runner.compare.comparison", "runner.compare.order", "runner.compare.paired",
         "runner.compare.tables",
     },
-    "scipy": {"runner.compare.comparison", "runner.compare.paired"},
+    "scipy": {"runner.compare.comparison", "runner.compare.paired", "runner.fidelity.verdicts"},
     "matplotlib": {"runner.compare.figures", "runner.compare.plots"},
 }  # fmt: skip
 LAZY = {

@@ -128,8 +128,8 @@ def read_claims(sources: Iterable[Traversable]) -> ClaimSet:
             claims = tuple(map(_claim, content["claims"]))
             name = source.name.removesuffix(".yaml")
             chapters.append(ClaimChapter(name, content["title"], content["source"], claims))
-        except (KeyError, TypeError, ValueError, AttributeError, ConfigError) as error:
-            why = f"it lacks {error}" if isinstance(error, KeyError) else error
+        except Exception as error:  # also those of the YAML library
+            why = f"it lacks {error}" if isinstance(error, KeyError) else " ".join(str(error).split())
             raise DataError(f"{source} is no file of claims ({why}); correct it") from error
     found = ClaimSet(tuple(chapters), runs)
     _check(found)
@@ -159,9 +159,17 @@ def _mapping(content: Any, known: set[str], what: str) -> dict[str, Any]:
     return content
 
 
+def _text(content: Any) -> str:
+    """A text as it is; TypeError for what YAML takes for something else, such as on and 1.0."""
+    if not isinstance(content, str):
+        raise TypeError(f"{content!r} is no text; put it into quotes")
+    return content
+
+
 def _run(name: str, content: Any) -> ClaimRun:
     given = _mapping(content, {"recipe", "overrides", "minutes"}, f"the run '{name}'")
-    return ClaimRun(name, given["recipe"], tuple(given.get("overrides", ())), float(given.get("minutes", 1.0)))
+    overrides = tuple(map(_text, given.get("overrides", ())))
+    return ClaimRun(_text(name), _text(given["recipe"]), overrides, float(given.get("minutes", 1.0)))
 
 
 def _claim(content: Any) -> Claim:
@@ -171,8 +179,17 @@ def _claim(content: Any) -> Claim:
     why_not = given.get("not_reproduced", "")
     if (protocol is None) == (not why_not):
         raise ValueError(f"the claim '{given['id']}' needs either a protocol, or not_reproduced with the reason")
-    texts = (str(given[key]) for key in ("id", "place", "says", "reported"))
-    return Claim(*texts, expect, protocol, variant, why_not, given.get("note", ""))
+    return Claim(
+        id=_text(given["id"]),
+        place=_text(given["place"]),
+        says=_text(given["says"]),
+        reported=_text(given["reported"]),
+        expect=expect,
+        protocol=protocol,
+        variant=variant,
+        not_reproduced=why_not,
+        note=given.get("note", ""),
+    )
 
 
 def _measurement(content: Any, expect: Expectation | None) -> Measurement | None:
@@ -191,5 +208,5 @@ def _measurement(content: Any, expect: Expectation | None) -> Measurement | None
 def _quantity(content: Any, run: str) -> Quantity:
     if isinstance(content, dict):
         given = _mapping(content, {"run", "metric"}, "a metric")
-        return parsed_quantity(given["metric"], given.get("run", run))
-    return parsed_quantity(str(content), run)
+        return parsed_quantity(_text(given["metric"]), _text(given.get("run", run)))
+    return parsed_quantity(_text(content), _text(run))

@@ -11,7 +11,7 @@ from omnilab.errors import DataError
 from omnilab.runner.compare.gathering import ComparedRun, LeftOut
 from omnilab.runner.fidelity.claims import Claim, ClaimChapter, ClaimSet, Measurement
 from omnilab.runner.fidelity.quantities import Quantity
-from omnilab.runner.fidelity.verdicts import NOT_MEASURED, VERDICTS, Estimate, Estimates, estimate, verdict
+from omnilab.runner.fidelity.verdicts import NOT_MEASURED, VERDICTS, SeedEstimate, SeedEstimates, estimate, verdict
 from omnilab.runner.run_folder import load_run
 
 Found = Mapping[str, Sequence[ComparedRun]]  # by the name of the `ClaimRun`, one a seed
@@ -29,8 +29,8 @@ class ClaimResult:
     """What the runs say of a claim."""
 
     claim: Claim
-    protocol: Estimates
-    variant: Estimates
+    protocol: SeedEstimates
+    variant: SeedEstimates
     verdict: str
     problems: tuple[str, ...] = ()
 
@@ -45,9 +45,9 @@ def _result(claim: Claim, found: Found) -> ClaimResult:
     return ClaimResult(claim, protocol, variant, verdict(claim.expect, protocol, variant), (*why, *more))
 
 
-def _estimates(measurement: Measurement | None, found: Found) -> tuple[Estimates, list[str]]:
+def _estimates(measurement: Measurement | None, found: Found) -> tuple[SeedEstimates, list[str]]:
     """Of each quantity; None if one of them was not measured. And what is wrong with runs that should have it."""
-    estimates: dict[str, Estimate] = {}
+    estimates: dict[str, SeedEstimate] = {}
     for name, quantity in measurement.quantities.items() if measurement else ():
         runs = found.get(quantity.term.run, ())
         if not runs:
@@ -59,7 +59,7 @@ def _estimates(measurement: Measurement | None, found: Found) -> tuple[Estimates
     return estimates or None, []
 
 
-def _estimate(quantity: Quantity, runs: Sequence[ComparedRun]) -> Estimate:
+def _estimate(quantity: Quantity, runs: Sequence[ComparedRun]) -> SeedEstimate:
     own = quantity.interval(runs[0]) if len(runs) == 1 else None
     return estimate(quantity.values(runs), own, quantity.unit(runs[0]))
 
@@ -106,7 +106,7 @@ def _row(result: ClaimResult) -> list[str]:
     ]
 
 
-def _cell(estimates: Estimates, measurement: Measurement | None) -> str:
+def _cell(estimates: SeedEstimates, measurement: Measurement | None) -> str:
     if measurement is None:
         return NOTHING
     if estimates is None:
@@ -115,7 +115,7 @@ def _cell(estimates: Estimates, measurement: Measurement | None) -> str:
     return "; ".join(parts)
 
 
-def _named(name: str, value: Estimate, quantity: Quantity) -> str:
+def _named(name: str, value: SeedEstimate, quantity: Quantity) -> str:
     """As "radon: 0.97 [0.95, 0.99] m (3 seeds)"; a single quantity by its metric."""
     interval = "" if value.low is None or value.high is None else f" [{value.low:.3g}, {value.high:.3g}]"
     seeds = "one run" if value.seeds == 1 else f"{value.seeds} seeds"

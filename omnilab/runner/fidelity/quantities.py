@@ -22,7 +22,7 @@ OVER = " / "
 
 
 @dataclass(frozen=True)
-class Term:
+class MetricTerm:
     """A metric; or a cell of a table, the column of the row in which other columns have given values; or a statistic of
     a column over such rows."""
 
@@ -62,8 +62,8 @@ class Quantity:
     """A term, or one over another, `A / B`, of the same run."""
 
     text: str
-    term: Term
-    over: Term | None = None
+    term: MetricTerm
+    over: MetricTerm | None = None
 
     @property
     def runs(self) -> list[str]:
@@ -103,17 +103,17 @@ def parsed_quantity(text: str, run: str) -> Quantity:
     return Quantity(text, first, others[0] if others else None)
 
 
-def _term(text: str, run: str) -> Term:
+def _term(text: str, run: str) -> MetricTerm:
     if (of := OF_COLUMN.fullmatch(text)) and of["statistic"] in STATISTICS:
         return replace(_term(of["cell"], run), statistic=of["statistic"])
     if found := CELL.fullmatch(text):
         pairs = [pair.strip().partition("=") for pair in (found["where"] or "").split(",") if pair.strip()]
-        return Term(run, found["column"], found["table"], tuple((name, value) for name, _, value in pairs))
+        return MetricTerm(run, found["column"], found["table"], tuple((name, value) for name, _, value in pairs))
     if not METRIC.fullmatch(text):
         raise ConfigError(
             f"'{text}' is no metric; give its name, or TABLE.csv[COLUMN=VALUE].COLUMN for a cell of a table"
         )
-    return Term(run, text)
+    return MetricTerm(run, text)
 
 
 def _quotient(value: float, over: float) -> float:

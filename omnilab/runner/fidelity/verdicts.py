@@ -1,4 +1,4 @@
-"""Estimates over seeds, what is expected of them, and the verdict."""
+"""SeedEstimates over seeds, what is expected of them, and the verdict."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FALLING, RISING = "falling", "rising"
 
 
 @dataclass(frozen=True)
-class Estimate:
+class SeedEstimate:
     """A value over the runs of some seeds."""
 
     value: float
@@ -45,7 +45,7 @@ class Expectation:
         keys = set(content)
         if keys == {"order"} and content["order"] in (FALLING, RISING):
             return cls(order=content["order"])
-        numbers = {key: float(value) for key, value in content.items()}
+        numbers: dict[str, Any] = {str(key): float(value) for key, value in content.items()}
         if keys in ({"about", "within"}, {"at_least"}, {"at_most"}, {"at_least", "at_most"}):
             return cls(**numbers)
         raise ValueError(
@@ -72,7 +72,7 @@ class Expectation:
         words += [f"at most {self.at_most:g}"] if self.at_most is not None else []
         return ", ".join(words)
 
-    def holds(self, estimates: Sequence[Estimate]) -> bool:
+    def holds(self, estimates: Sequence[SeedEstimate]) -> bool:
         """Whether estimates, in the order in which they are listed, are as expected. NaN never is."""
         values = [estimate.value for estimate in estimates]
         if self.order:
@@ -82,10 +82,10 @@ class Expectation:
         return all(low <= value <= high for value in values)
 
 
-Estimates = Mapping[str, Estimate] | None  # None: something of it was not measured
+SeedEstimates = Mapping[str, SeedEstimate] | None  # None: something of it was not measured
 
 
-def verdict(expect: Expectation | None, protocol: Estimates, variant: Estimates) -> str:
+def verdict(expect: Expectation | None, protocol: SeedEstimates, variant: SeedEstimates) -> str:
     """The verdict on a claim that can be tested."""
     if expect is None:
         return NOT_TESTED
@@ -98,13 +98,14 @@ def verdict(expect: Expectation | None, protocol: Estimates, variant: Estimates)
     return OTHER_ORDER if expect.order else NOT_REACHED
 
 
-def estimate(values: Sequence[float], own: tuple[float, float] | None = None, unit: str = "") -> Estimate:
+def estimate(values: Sequence[float], own: tuple[float, float] | None = None, unit: str = "") -> SeedEstimate:
     """The mean over seeds, with Student's interval of 95 %; of a single run, its value and its own interval, if any."""
     mean, count = math.fsum(values) / len(values), len(values)
     if count == 1:
-        return Estimate(mean, 1, *(own or (None, None)), unit=unit)
+        low, high = own or (None, None)
+        return SeedEstimate(mean, 1, low, high, unit)
     from scipy.special import stdtrit
 
     spread = math.sqrt(math.fsum((value - mean) ** 2 for value in values) / (count - 1) / count)
     half = float(stdtrit(count - 1, (1 + CONFIDENCE) / 2)) * spread
-    return Estimate(mean, count, mean - half, mean + half, unit)
+    return SeedEstimate(mean, count, mean - half, mean + half, unit)

@@ -1,0 +1,176 @@
+"""`omnilab fidelity` on made-up run folders: what it uses, what it refuses, what it writes, what it runs."""
+
+import sys
+
+import pytest
+
+from omnilab.api import Metric, Report
+from omnilab.runner.config import resolved_yaml
+from omnilab.runner.fidelity import command
+from omnilab.runner.fidelity.claims import read_claims
+from omnilab.runner.overrides.composition import check_build, compose_job
+from omnilab.runner.registry import discover
+from omnilab.runner.run_folder import DONE, FAILED, RunFolder
+
+CLAIMS = """\
+title: Chapter one
+source: A paper
+runs:
+  graph: {recipe: pose_graph, minutes: 2}
+  wrong: {recipe: pose_graph, overrides: [study.wrong_loops=0.2], minutes: 1}
+claims:
+  - {id: small, place: "1", says: It is small., reported: "0.1 m", expect: {at_most: 0.1},
+     protocol: {run: graph, metric: ate}, variant: {run: wrong, metric: ate}, note: in a | room}
+  - {id: order, place: "2", says: It grows., reported: a < b, expect: {order: rising},
+     protocol: {metrics: {a: {run: graph, metric: ate}, b: {run: wrong, metric: ate}}}}
+  - {id: cell, place: "3", says: Half., reported: "0.5", expect: {about: 0.5, within: 0.01},
+     protocol: {run: graph, metric: "times.csv[method=b].ms / times.csv[method=a].ms"}}
+  - {id: mean, place: "4", says: Most., reported: "4", expect: {at_most: 3},
+     protocol: {run: graph, metric: "max(times.csv.ms)"}}
+  - {id: never, place: "5", says: Never., reported: "1", not_reproduced: nobody can}
+"""
+
+
+@pytest.fixture(scope="module")
+def configurations():
+    """config.yaml of the recipe, and of the recipe with overrides."""
+    registry = discover("")
+    words = {"graph": ["experiment=pose_graph"], "wrong": ["experiment=pose_graph", "study.wrong_loops=0.2"]}
+    words["other"] = ["experiment=pose_graph", "study.wrong_loops=0.3"]
+    return {name: resolved_yaml(check_build(compose_job(each, registry)[0], registry)) for name, each in words.items()}
+
+
+@pytest.fixture
+def made(tmp_path, configurations):
+    """`made("graph", seed=1, ate=0.2)`: a run folder in tmp_path/logs."""
+
+    def make(name, ate, seed=0, status=DONE, interval=None, times=((2.0, 4.0), ("b", "a"))):
+        folder = tmp_path / f"logs/pose_graph/{name}-{seed}-{ate}"
+        run = RunFolder(folder)
+        study = {"name": "pose_graph", "class": "a.b", "distribution": "omnilab-studies", "version": "9.8.7"}
+        manifest = {"experiment": "pose_graph", "overrides": [], "components": {"study": study}, "commit": "abcdef0123"}
+        run.open(manifest, configurations[name].replace("\nseed: 0\n", f"\nseed: {seed}\n"))
+        metrics = [] if ate is None else [Metric("ate", ate, "m", interval)]
+        run.write(Report(metrics, tables={"times": {"ms": list(times[0]), "method": list(times[1])}}))
+        run.end(status)
+        return folder
+
+    return make
+
+
+@pytest.fixture
+def fidelity(tmp_path, monkeypatch, omnilab_here):
+    """`fidelity("report", "logs")`: the command, with the claims above."""
+    file = tmp_path / "one.yaml"
+    file.write_text(CLAIMS)
+    monkeypatch.setattr(command, "shipped_claims", lambda: read_claims([file]))
+    return lambda *arguments: omnilab_here("fidelity", *arguments)
+
+
+def rows_of(text):
+    return {
+        line.split("`")[1]: [cell.strip() for cell in line.split(" | ")] for line in text.splitlines() if "| `" in line
+    }
+
+
+def test_the_table_is_of_the_run_folders(fidelity, made, tmp_path):
+    for seed, ate in enumerate((0.2, 0.3, 0.1)):
+        made("graph", ate, seed)
+    made("wrong", 0.05, interval=(0.04, 0.06))
+    made("other", 0.01)
+    made("graph", 0.0, seed=7, status=FAILED)
+    assert fidelity("report", "logs", "-o", "docs/table.md").rc == 0
+    text = (tmp_path / "docs/table.md").read_text()
+    rows = rows_of(text)
+    assert rows["small"][1:6] == [
+        "0.1 m", "at most 0.1", "`ate` 0.2 [-0.0484, 0.448] m (3 seeds)", "`ate` 0.05 [0.04, 0.06] m (one run)",
+        "**reached by the variant**",
+    ]  # fmt: skip
+    assert rows["order"][3] == "a 0.2 [-0.0484, 0.448] m (3 seeds); b 0.05 [0.04, 0.06] m (one run)"
+    assert rows["order"][5] == "**other order**"
+    assert rows["cell"][5] == "**reached**"
+    assert rows["mean"][5] == "**not reached**"
+    assert rows["never"][5] == "**cannot be tested**"
+    assert "| Chapter one | 5 | 1 | 1 | 1 | 1 | – | 1 |" in text
+    assert "- `small`: in a | room" in text
+    assert "| graph | `omnilab experiment=pose_graph` | 0, 1, 2 | `pose_graph/graph-0-0.2`" in text
+    assert "9.8.7 `abcdef0`" in text
+    assert "1 runs in the folders are of no claim" in text
+    assert "not used: graph-7-0.0 (failed" in text
+
+
+def test_what_was_not_run_is_not_measured_and_a_run_of_a_seed_counts_once(fidelity, made, tmp_path):
+    made("graph", 0.3)
+    made("graph", 0.4)  # its folder's name is later
+    assert fidelity("report", "logs").rc == 0
+    rows = rows_of((tmp_path / "fidelity.md").read_text())
+    assert rows["small"][3:6] == ["`ate` 0.4 m (one run)", "not measured", "**not reached**"]
+    assert rows["order"][5] == "**not measured**"
+
+
+def test_a_damaged_run_and_a_metric_that_is_not_there_are_told(fidelity, made, tmp_path):
+    (made("graph", 0.3) / "metrics.csv").write_text("metric,value,unit\nate,0.")
+    made("wrong", None, times=((1.0,), ("a",)))
+    assert fidelity("report", "logs").rc == 0
+    text = (tmp_path / "fidelity.md").read_text()
+    assert rows_of(text)["small"][5] == "**not measured**"
+    assert "metrics.csv cannot be read" in text
+    assert "has no metric ate; run it again" in text
+
+
+def test_a_mistake_is_one_sentence(fidelity, tmp_path):
+    (tmp_path / "empty").mkdir()
+    for arguments, why in {
+        ("report", "empty"): "empty holds no run",
+        ("report", "nowhere"): "nowhere holds no run",
+        ("report", "empty", "--claims", "smal"): "there is no claim 'smal' (did you mean small?)",
+        ("run", "--seeds", "0"): "0 is no number of 1 to 1000",
+    }.items():
+        result = fidelity(*arguments)
+        assert result.rc == 2
+        assert why in result.stderr
+        assert "Traceback" not in result.stderr
+
+
+@pytest.fixture
+def program(tmp_path, monkeypatch):
+    """In place of Python: notes its arguments, and fails where something is wrong."""
+    script = tmp_path / "program"
+    script.write_text(
+        '#!/bin/sh\necho "$@" >> calls\ncase "$*" in *wrong_loops*seed=1*) echo "omnilab: it is wrong; mend it" >&2; exit 2;; esac\n'
+    )
+    script.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(script))
+    return lambda: [line.split() for line in (tmp_path / "calls").read_text().splitlines()]
+
+
+def test_what_is_missing_is_run_cheapest_first_and_a_failure_stops_nothing(fidelity, made, program, tmp_path):
+    made("graph", 0.3, seed=0)
+    result = fidelity("run", "--logs", "logs", "--seeds", "2")
+    assert result.rc == 1
+    assert "wrong, seed 1: failed, it is wrong; mend it" in result.stderr
+    assert "2 runs done, 1 failed" in result.stderr
+    runs = [[word for word in call if "=" in word] for call in program()]
+    assert [words[:-1] for words in runs] == [
+        ["experiment=pose_graph", "study.wrong_loops=0.2", "seed=0"],
+        ["experiment=pose_graph", "study.wrong_loops=0.2", "seed=1"],
+        ["experiment=pose_graph", "seed=1"],
+    ]
+    assert all(words[-1] == "logs=logs" for words in runs)
+
+
+def test_nothing_is_run_that_is_there_or_left_out(fidelity, made, program, tmp_path):
+    made("graph", 0.3)
+    result = fidelity("run", "--logs", "logs", "--minutes", "0.5")
+    assert result.rc == 0
+    assert "2 runs of more than 0.5 min are left out" in result.stderr
+    made("wrong", 0.3)
+    assert "nothing is missing; the table: omnilab fidelity report logs" in fidelity("run", "--logs", "logs").stderr
+    assert not (tmp_path / "calls").exists()
+
+
+def test_the_claims_are_listed(fidelity):
+    result = fidelity("list", "--claims", "small")
+    assert "at most 0.1" in result.stdout
+    assert "omnilab experiment=pose_graph" in result.stdout
+    assert "never" not in result.stdout
