@@ -20,7 +20,9 @@ from omnilab_appearance import (
     HogGrid,
     Radon,
     RadonGist,
+    RadonGistGrid,
     RadonHog,
+    RadonHogGrid,
     Ring,
     RingKey,
     TinyImage,
@@ -42,7 +44,7 @@ OF_PANORAMAS = [
     RingKey(frequencies=8),
     TinyImage(),
 ]
-OF_MIRRORS = [Radon(), RadonGist(), RadonHog(), Ring()]
+OF_MIRRORS = [Radon(), RadonGist(), RadonGistGrid(), RadonHog(), RadonHogGrid(), Ring()]
 ALL = OF_PANORAMAS + OF_MIRRORS
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter1d
 from skimage.feature import hog
 
@@ -11,13 +13,26 @@ from omnilab.api import Signatures
 from omnilab.errors import DataError
 from omnilab.testing import check_distance
 from omnilab.testing.common import smooth_images
-from omnilab_appearance import CircularCorrelation, FourierPhase, GistGrid, Hog, HogGrid, TinyImage
+from omnilab_appearance import (
+    CircularCorrelation,
+    FourierPhase,
+    GistGrid,
+    Hog,
+    HogGrid,
+    Radon,
+    RadonGistGrid,
+    RadonHogGrid,
+    TinyImage,
+)
 from omnilab_appearance.common.block_norm import BlockNorm
+from omnilab_appearance.descriptors.radon import one_side
 
 RNG = np.random.default_rng(9)
 PANORAMAS = RNG.integers(20, 200, (2, 128, 512), dtype=np.uint8)
 OF_SCIKIT = {BlockNorm.l1: "L1", BlockNorm.l1_sqrt: "L1-sqrt", BlockNorm.l2: "L2", BlockNorm.l2_hys: "L2-Hys"}
 GRIDS = [HogGrid(floor=0), GistGrid(floor=0), FourierPhase()]
+MIRRORS = RNG.integers(20, 200, (2, 96, 96), dtype=np.uint8)
+OF_RADON = [RadonHogGrid(), RadonGistGrid()]
 
 
 def bordered(panoramas):
@@ -69,6 +84,74 @@ def test_hog_in_a_grid_is_that_of_scikit_image(sigma):
 def test_a_gain_changes_nothing(descriptor):
     dim = (PANORAMAS // 4).astype(np.uint8)
     np.testing.assert_allclose(descriptor.describe(4 * dim).place, descriptor.describe(dim).place, rtol=1e-3, atol=1e-3)
+
+
+def assert_alike(found, expected, atol=5e-3):
+    """The same but for one gradient in a thousand, which rounding puts on the other side of the border of two bins."""
+    assert np.mean(~np.isclose(found, expected, rtol=0, atol=atol)) < 1e-3
+
+
+@settings(max_examples=5, deadline=None)
+@given(st.integers(1, 4), st.integers(0, 40), st.integers(0, 2**32 - 1))
+def test_a_gain_and_an_offset_of_grey_levels_change_nothing(gain, offset, seed):
+    dim = np.random.default_rng(seed).integers(0, 50, (1, 128, 512), dtype=np.uint8)
+    for descriptor in (*GRIDS, *OF_RADON):
+        images = dim if descriptor.view == "panorama" else dim[:, :96, :96]
+        before, after = descriptor.describe(images), descriptor.describe(gain * images + np.uint8(offset))
+        if descriptor.view == "panorama":
+            assert_alike(after.place, before.place)
+        # the rim of a mirror image is one of pixels, which an offset shows
+        match = CircularCorrelation().match(after, CircularCorrelation().prepare(before))
+        assert match.distance[0, 0] < 2e-3
+        assert abs(match.rotation_rad[0, 0]) < 1e-3
+
+
+@settings(max_examples=5, deadline=None)
+@given(st.integers(0, 127))
+def test_a_turn_of_whole_blocks_is_that_shift_exactly(turn):
+    """Blocks begin every eighth column of 512; the phases have a sample every fourth."""
+    turned = np.roll(PANORAMAS, -8 * turn, axis=2)
+    for descriptor in (HogGrid(), GistGrid(), FourierPhase()):
+        before, after = descriptor.describe(PANORAMAS), descriptor.describe(turned)
+        samples = before.place.shape[-1]
+        assert_alike(after.place, np.roll(before.place, -turn * samples // 64, axis=2))
+        match = CircularCorrelation().match(after, CircularCorrelation().prepare(before))
+        error = np.angle(np.exp(1j * (match.rotation_rad.diagonal() - 2 * np.pi * turn / 64)))
+        assert np.abs(error).max() < 1e-3
+        assert match.distance.diagonal().max() < 1e-3
+
+
+@pytest.mark.parametrize("descriptor", OF_RADON, ids=repr)
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+def test_a_quarter_turn_of_the_mirror_image_is_that_shift_exactly(descriptor, quarters):
+    """Of the turns of a picture those that interpolate nothing."""
+    before, after = descriptor.describe(MIRRORS), descriptor.describe(np.rot90(MIRRORS, -quarters, (1, 2)).copy())
+    shift = quarters * before.place.shape[-1] // 4
+    assert_alike(after.place, np.roll(before.place, -shift, axis=2))
+    match = CircularCorrelation().match(after, CircularCorrelation().prepare(before))
+    error = np.angle(np.exp(1j * (match.rotation_rad.diagonal() - quarters * np.pi / 2)))
+    assert np.abs(error).max() < 1e-3
+    assert match.distance.diagonal().max() < 1e-3
+
+
+def test_one_side_of_the_radon_transform_holds_the_other():
+    """R(d, phi + pi) = R(-d, phi): what the grids leave out is what they keep."""
+    place = Radon(offsets=64, angles=128).describe(MIRRORS).place
+    side = one_side(place)
+    np.testing.assert_array_equal(side, place[:, 32:])
+    np.testing.assert_allclose(np.roll(side, 64, axis=2), place[:, 31::-1], rtol=1e-6)
+
+
+def test_hog_of_the_radon_transform_is_that_of_numpy():
+    grid = RadonHogGrid(cells=4, bins=8, width=16, spacing=16, smoothing=0, floor=0, offsets=128, angles=128)
+    found = grid.describe(MIRRORS).place.reshape(2, 8, 4, 8)
+    for transform, signature in zip(Radon(128, 128).describe(MIRRORS).place, found, strict=True):
+        side = (transform - transform.mean(axis=1, keepdims=True))[64:]
+        down, across = np.zeros_like(side), np.roll(side, -1, 1) - np.roll(side, 1, 1)
+        down[1:-1] = side[2:] - side[:-2]
+        own = np.arctan2(down, across) % (2 * np.pi) // (np.pi / 4) == np.arange(8)[:, None, None]
+        cells = (own * np.hypot(down, across)).reshape(8, 4, 16, 8, 16).mean((2, 4))
+        assert_alike(signature, cells / np.linalg.norm(cells, axis=0))
 
 
 @pytest.mark.parametrize("descriptor", [HogGrid(floor=0), GistGrid(floor=0)], ids=repr)

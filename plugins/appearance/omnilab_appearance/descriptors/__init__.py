@@ -12,7 +12,9 @@ from omnilab_appearance.descriptors.hog_grid import HogGrid as HogGrid
 from omnilab_appearance.descriptors.onnx import Onnx as Onnx
 from omnilab_appearance.descriptors.radon import Radon as Radon
 from omnilab_appearance.descriptors.radon_gist import RadonGist as RadonGist
+from omnilab_appearance.descriptors.radon_gist_grid import RadonGistGrid as RadonGistGrid
 from omnilab_appearance.descriptors.radon_hog import RadonHog as RadonHog
+from omnilab_appearance.descriptors.radon_hog_grid import RadonHogGrid as RadonHogGrid
 from omnilab_appearance.descriptors.ring import Ring as Ring
 from omnilab_appearance.descriptors.ring_key import RingKey as RingKey
 from omnilab_appearance.descriptors.rotational_pca import RotationalPca as RotationalPca

@@ -44,6 +44,7 @@ class GistGrid:
     def describe(self, images: Bytes) -> Signatures:
         """Signatures (N, 2 x orientations x blocks, columns / spacing) of panoramas (N, H, W[, 3])."""
         fine = resized(channels_of(images, self.color), self.rows, self.columns)
+        fine -= fine.mean(axis=(1, 2), keepdims=True)  # of which a Gabor filter lets some through
         levels = [self._level(fine, 0), self._level(halved(fine), 1)]
         return side_by_side(Signatures(np.concatenate(levels, 1)), self.color)
 

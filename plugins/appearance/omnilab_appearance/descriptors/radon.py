@@ -88,3 +88,13 @@ def line_integrals(images: Floats, directions_rad: Floats, center: float | None 
     padded = np.pad(images, ((2, 2), (2, 2), (0, 0)))
     sums = line_sums(padded, np.cos(directions_rad), np.sin(directions_rad), (n - 1) / 2 if center is None else center)
     return np.ascontiguousarray(sums.transpose(2, 1, 0))
+
+
+def without_means(transforms: Floats) -> Floats:
+    """Radon transforms (N, offsets, angles), less the mean of each offset over all angles, which no rotation changes."""
+    return np.asarray(transforms - transforms.mean(axis=2, keepdims=True))
+
+
+def one_side(values: Floats) -> Floats:
+    """The offsets of (..., offsets, angles) from the middle outwards: on the other side are the same lines, half a turn on."""
+    return np.ascontiguousarray(values[..., values.shape[-2] // 2 :, :])
