@@ -10,6 +10,7 @@ from omnilab_studies.datasets.render.study import Render
 from omnilab_studies.datasets.views.study import Views
 from omnilab_studies.descriptors.cost.study import Cost
 from omnilab_studies.descriptors.linearity.study import Linearity
+from omnilab_studies.descriptors.parameter_curves.study import ParameterCurves
 from omnilab_studies.descriptors.resolution.study import Resolution
 from omnilab_studies.descriptors.robustness.study import Robustness
 from omnilab_studies.local_maps.local_map.study import LocalMap
@@ -38,6 +39,7 @@ __all__ = [
     "LocalMap",
     "Localize",
     "MapStudy",
+    "ParameterCurves",
     "PoseGraphStudy",
     "Render",
     "Resolution",
@@ -64,6 +66,7 @@ def register_studies(register: Register) -> None:
     register("render", Render)
     register("linearity", Linearity)
     register("cost", Cost)
+    register("parameter_curves", ParameterCurves)
     register("local_map", LocalMap)
     register("room", Room)
     register("topological_map", TopologicalMap)

@@ -14,8 +14,8 @@ from omnilab.runner.recorder import Recorder
 from omnilab.testing import check_study
 from omnilab_studies import Linearity
 from omnilab_studies.common.tables import markdown
+from omnilab_studies.descriptors.curves import Curve, lines_on_grid
 from omnilab_studies.descriptors.figures import pareto_front
-from omnilab_studies.descriptors.linearity.curves import Curve, lines_on_grid
 
 X = np.arange(1, 23) / 10
 

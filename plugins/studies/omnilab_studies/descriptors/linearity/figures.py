@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from omnilab_studies.common.plots import blank_figure
-from omnilab_studies.descriptors.linearity.curves import Curve
+from omnilab_studies.descriptors.curves import Curve
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

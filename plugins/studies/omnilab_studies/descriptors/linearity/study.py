@@ -44,10 +44,10 @@ from omnilab_studies.common.methods import (
 )
 from omnilab_studies.common.scores import known_poses, warn_of_equal_signatures
 from omnilab_studies.common.tables import markdown
+from omnilab_studies.descriptors.curves import Curve, lines_on_grid, whole_lines
 from omnilab_studies.descriptors.figures import pareto
 from omnilab_studies.descriptors.layout import layout_of
 from omnilab_studies.descriptors.linearity import figures
-from omnilab_studies.descriptors.linearity.curves import Curve, lines_on_grid
 
 Table = Mapping[str, Sequence[Any]]
 
@@ -102,7 +102,7 @@ class Linearity:
         methods = methods_of(parts)
         signatures, delivered, omitted = self._describe(parts, methods, plan, record)
         omitted = [*grid.omitted, *omitted]
-        lines = _complete(np.searchsorted(nodes, lines), delivered)
+        lines = whole_lines(np.searchsorted(nodes, lines), delivered)
         curves, misfits = self._curves(methods, signatures, lines, record)
 
         table = _table([method for method in methods if method.name in curves], curves, signatures)
@@ -182,16 +182,6 @@ class Linearity:
             field = method.distance.match(signatures[references], index).distance
         values = field[row[:, None], lines[:, 1:]].astype(np.float64)
         return Curve(np.round(self.step_m * np.arange(1, lines.shape[1]), 9), values.mean(axis=0), values.var(axis=0))
-
-
-def _complete(lines: Ints, delivered: Ints) -> Ints:
-    """The lines all of whose images were delivered, as indices into those."""
-    whole = lines[np.isin(lines, delivered).all(axis=1)]
-    if len(whole) == 0:
-        raise DataError(
-            "every line misses an image that could not be read; mend the recording, or give more study.references"
-        )
-    return np.searchsorted(delivered, whole)
 
 
 def _log(record: Recorder, name: str, curve: Curve) -> None:

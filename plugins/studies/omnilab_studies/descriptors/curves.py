@@ -107,3 +107,13 @@ def _lines_from(reference: int, cells: Ints, node_at: dict[tuple[int, int], int]
         for along, across in ((1, 0), (0, 1), (-1, 0), (0, -1))
     ]
     return [line for line in lines if line[0] == reference and min(line) >= 0]
+
+
+def whole_lines(lines: Ints, delivered: Ints) -> Ints:
+    """The lines all of whose images were delivered, as indices into those."""
+    whole = lines[np.isin(lines, delivered).all(axis=1)]
+    if len(whole) == 0:
+        raise DataError(
+            "every line misses an image that could not be read; mend the recording, or give more study.references"
+        )
+    return np.searchsorted(delivered, whole)
