@@ -20,7 +20,7 @@ from omnilab_studies.descriptors.parameter_curves.pictures import Pictures
 RESAMPLES = 1000  # for an interval
 
 
-class Measurement(NamedTuple):
+class Measured(NamedTuple):
     """A number with its 95 % interval: NaN where there is none."""
 
     value: float
@@ -34,7 +34,7 @@ class LineCurve(NamedTuple):
     curve: Curve
     low: Floats  # (n,) of the mean
     high: Floats
-    r2: Measurement
+    r2: Measured
 
 
 class Layouts(NamedTuple):
@@ -67,16 +67,16 @@ class Measures:
         for pictures, _ in self._pictures.values():
             pictures.forget(but=used)
 
-    def cost(self, parts: Parts, method: Method) -> dict[str, Measurement]:
+    def cost(self, parts: Parts, method: Method) -> dict[str, Measured]:
         """Milliseconds and bytes an image: of the pictures of the map, or of the lines where there is no map."""
         only_lines = self._layouts.queries is None and self._layouts.grid is not None
         pictures = self._lines(parts)[0] if only_lines else self._map(parts)
         found, rng = pictures.described_by(method.descriptor, self._layouts.repeats), self._rng()
         return {
-            "fit_ms": Measurement(found.fit_ms),
+            "fit_ms": Measured(found.fit_ms),
             "view_ms": _estimate(np.median, found.view_ms, rng),
             "describe_ms": _estimate(np.median, found.describe_ms, rng),
-            "bytes": Measurement(found.signatures.nbytes / len(pictures)),
+            "bytes": Measured(found.signatures.nbytes / len(pictures)),
         }
 
     def curve(self, parts: Parts, method: Method) -> LineCurve:
@@ -95,9 +95,9 @@ class Measures:
             np.quantile(means, [0.025, 0.975], axis=0),
             [Curve(distance_m, m, m).r2_centred for m in means],
         )
-        return LineCurve(curve, low, high, Measurement(curve.r2_centred, *np.quantile(r2, [0.025, 0.975]).tolist()))
+        return LineCurve(curve, low, high, Measured(curve.r2_centred, *np.quantile(r2, [0.025, 0.975]).tolist()))
 
-    def rates(self, parts: Parts, method: Method) -> dict[str, Measurement]:
+    def rates(self, parts: Parts, method: Method) -> dict[str, Measured]:
         """Rate of nearest estimates, errors, time; DataError if the distance cannot compare such signatures."""
         places, queries = self._map(parts), self._queries(parts)
         found = places.described_by(method.descriptor, self._layouts.repeats)
@@ -184,13 +184,13 @@ def _identities(parts: Parts) -> set[int]:
     return {id(component) for components in held for component in components}
 
 
-def _estimate(statistic: Callable[..., Any], sample: Floats, rng: np.random.Generator) -> Measurement:
+def _estimate(statistic: Callable[..., Any], sample: Floats, rng: np.random.Generator) -> Measured:
     """A statistic of a sample, of its finite values alone, as `omnilab.metrics.bootstrap` has it, all resamples at once."""
     known = sample[np.isfinite(sample)]
     if not len(known):
-        return Measurement(float("nan"))
+        return Measured(float("nan"))
     found = statistic(known[rng.integers(len(known), size=(RESAMPLES, len(known)))], axis=1)
-    return Measurement(float(statistic(known)), *np.quantile(found, [0.025, 0.975]).tolist())
+    return Measured(float(statistic(known)), *np.quantile(found, [0.025, 0.975]).tolist())
 
 
 def _resampled_means(values: Floats, row: Ints, rng: np.random.Generator) -> Floats:

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from omnilab_studies.common.methods import Method
-from omnilab_studies.descriptors.parameter_curves.measures import LineCurve, Measurement
+from omnilab_studies.descriptors.parameter_curves.measures import LineCurve, Measured
 
 UNITS = {  # of all that is measured
     "fit_ms": "ms", "view_ms": "ms", "describe_ms": "ms", "locate_ms": "ms",
@@ -22,18 +22,18 @@ class Point(NamedTuple):
     parameter: str
     value: float
     method: Method
-    found: Mapping[str, Measurement]
+    found: Mapping[str, Measured]
     line: LineCurve | None
 
     @staticmethod
-    def of_line(line: LineCurve | None) -> dict[str, Measurement]:
+    def of_line(line: LineCurve | None) -> dict[str, Measured]:
         """What a distance curve says in numbers; `r2` is the centred one."""
         if line is None:
             return {}
         return {
             "r2": line.r2,
-            "slope_per_m": Measurement(line.curve.slope),
-            "monotone": Measurement(line.curve.monotone_m),
+            "slope_per_m": Measured(line.curve.slope),
+            "monotone": Measured(line.curve.monotone_m),
         }
 
     @property
