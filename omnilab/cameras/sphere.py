@@ -11,14 +11,15 @@ from omnilab.cameras.base import EquirectangularCamera, RayCamera
 from omnilab.cameras.reproject import reproject
 from omnilab.errors import DataError
 
-MOST_ROWS = 128  # of a sphere: 1.4 degrees each
+MOST_ROWS = 256  # of a sphere: 0.7 degrees each
 FINEST = 4  # samples of a pixel along each side: 16 in all
 
 
 def sphere(images: Bytes, camera: Camera) -> Bytes:
     """Spheres (N, H, 2 H[, 3]): row i looks to elevation 90 - 180 (i + 1/2) / H degrees, column j to azimuth 180 j / H.
 
-    What the camera does not show is 0, and nothing else is: black is 1. H is 128, or less where the camera resolves less.
+    What the camera does not show is black, and black is taken for not shown, as `reproject` and the disturbance `tilt`
+    leave it. H is 256, or less where the camera resolves less.
     """
     if not isinstance(camera, RayCamera):
         raise DataError(
@@ -30,7 +31,7 @@ def sphere(images: Bytes, camera: Camera) -> Bytes:
     side = int(np.clip(np.ceil(finer - 0.1), 1, FINEST))
     target = EquirectangularCamera(2 * rows, rows)
     seen = reproject(_shown(camera)[None], camera, target, samples=side**2)[0] == 255
-    found = np.maximum(reproject(images, camera, target, samples=side**2), 1)
+    found = reproject(images, camera, target, samples=side**2)
     return np.asarray(found * (seen if images.ndim == 3 else seen[..., None]), np.uint8)
 
 
@@ -45,7 +46,7 @@ def _shown(camera: RayCamera) -> Bytes:
 
 @lru_cache(maxsize=16)
 def sphere_rows(camera: RayCamera) -> int:
-    """How many rows, an even number, a sphere has whose pixels are no smaller than the camera's; 128 at most."""
+    """How many rows, an even number, a sphere has whose pixels are no smaller than the camera's; 256 at most."""
     return int(min(MOST_ROWS, 2 * max(4, round(np.pi / resolution_rad(camera) / 2))))
 
 

@@ -13,6 +13,7 @@ from omnilab_studies.descriptors.linearity.study import Linearity
 from omnilab_studies.descriptors.parameter_curves.study import ParameterCurves
 from omnilab_studies.descriptors.resolution.study import Resolution
 from omnilab_studies.descriptors.robustness.study import Robustness
+from omnilab_studies.descriptors.rotations.study import Rotations
 from omnilab_studies.local_maps.local_map.study import LocalMap
 from omnilab_studies.local_maps.room.study import Room
 from omnilab_studies.local_maps.topological_map.study import TopologicalMap
@@ -45,6 +46,7 @@ __all__ = [
     "Resolution",
     "Robustness",
     "Room",
+    "Rotations",
     "Steps",
     "TopologicalMap",
     "TrajectoryStudy",
@@ -72,6 +74,7 @@ def register_studies(register: Register) -> None:
     register("topological_map", TopologicalMap)
     register("robustness", Robustness)
     register("resolution", Resolution)
+    register("rotations", Rotations)
     register("large_map", LargeMap)
     register("altitude", Altitude)
     register("joint", Joint)

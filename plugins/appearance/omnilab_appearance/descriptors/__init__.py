@@ -21,5 +21,6 @@ from omnilab_appearance.descriptors.rotational_pca import RotationalPca as Rotat
 from omnilab_appearance.descriptors.sift import Sift as Sift
 from omnilab_appearance.descriptors.spherical_harmonics import SphericalHarmonics as SphericalHarmonics
 from omnilab_appearance.descriptors.spherical_power import SphericalPower as SphericalPower
+from omnilab_appearance.descriptors.spherical_sift import SphericalSift as SphericalSift
 from omnilab_appearance.descriptors.surf import Surf as Surf
 from omnilab_appearance.descriptors.tiny_image import TinyImage as TinyImage

@@ -5,7 +5,9 @@ What is imported here is registered, by the name of its class in snake case.
 
 from omnilab_appearance.distances.circular_correlation import CircularCorrelation as CircularCorrelation
 from omnilab_appearance.distances.cosine import Cosine as Cosine
+from omnilab_appearance.distances.epipolar_rotation import EpipolarRotation as EpipolarRotation
 from omnilab_appearance.distances.euclidean import Euclidean as Euclidean
+from omnilab_appearance.distances.feature_rotation import FeatureRotation as FeatureRotation
 from omnilab_appearance.distances.features import Features as Features
 from omnilab_appearance.distances.features import FeaturesTurned as FeaturesTurned
 from omnilab_appearance.distances.log_distance import Log as Log
