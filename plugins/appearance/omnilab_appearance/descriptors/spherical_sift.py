@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from omnilab.api import Bytes, Floats, Signatures, check_settings, setting
+from omnilab.api import Bools, Bytes, Floats, Signatures, check_settings, setting
 from omnilab.cameras import EquirectangularCamera, reproject
 from omnilab_appearance.common.image_ops import channels_of
 from omnilab_appearance.common.vectors import unit
@@ -70,7 +70,7 @@ class SphericalSift:
         return response[own], np.hstack([directions, unit(vectors)])[own]
 
 
-def _inner(seen: Bytes) -> Bytes:
+def _inner(seen: Bools) -> Bytes:
     """What is seen less a margin, where the edge of what is not would be a feature."""
     import cv2
 

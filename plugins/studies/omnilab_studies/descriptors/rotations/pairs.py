@@ -64,4 +64,4 @@ def heading_and_tilt(R: Floats) -> tuple[Floats, Floats]:
 def angle_of(R: Floats) -> Floats:
     """The angles (...) of rotations (..., 3, 3)."""
     sine = np.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], -1)
-    return np.arctan2(np.linalg.norm(sine, axis=-1), np.trace(R, axis1=-2, axis2=-1) - 1)
+    return np.asarray(np.arctan2(np.linalg.norm(sine, axis=-1), np.trace(R, axis1=-2, axis2=-1) - 1))

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 
 from omnilab.api import (
+    Array,
+    Bytes,
     Floats,
     Frames,
     GridPoses,
     Image,
+    Ints,
     Metric,
     Parts,
     PathPoses,
@@ -129,7 +133,7 @@ class Rotations:
         return references, queries, query_sensor
 
     def _log(
-        self, record: Recorder, first: Floats, second: Floats, found: Floats, left: Mapping[str, Floats]
+        self, record: Recorder, first: Bytes, second: Bytes, found: Floats, left: Mapping[str, Floats]
     ) -> None:  # fmt: skip
         """Some pairs as spheres, with the query's rotation undone by the first method, and errors of all pairs."""
         steps = np.arange(len(found))
@@ -154,17 +158,22 @@ class Rotations:
             }
             for what, radians in errors.items():
                 degrees = np.rad2deg(radians)
-                interval = bootstrap(lambda chosen, d=degrees: float(np.median(d[chosen])), len(degrees), rng)
+                interval = bootstrap(partial(_over, np.median, degrees), len(degrees), rng)
                 found.append(Metric(f"{key_of(name)}_{what}_error_median", float(np.median(degrees)), "deg", interval))
             right = np.rad2deg(errors["rotation"]) < self.within_deg
-            interval = bootstrap(lambda chosen, r=right: float(r[chosen].mean()), len(right), rng)
+            interval = bootstrap(partial(_over, np.mean, right), len(right), rng)
             found.append(Metric(f"{key_of(name)}_right_rate", float(right.mean()), "1", interval))
         return found
 
 
+def _over(statistic: Callable[[Any], Any], values: Array, chosen: Ints) -> float:
+    """A statistic of some of the values."""
+    return float(statistic(values[chosen]))
+
+
 def _described(
     methods: Sequence[Method], parts: Parts, plan: Plan, record: Recorder, stage: str, seed: int | None
-) -> tuple[dict[str, Signatures], Floats]:
+) -> tuple[dict[str, Signatures], Bytes]:
     """Signatures of a plan's frames by every descriptor, and the frames as spheres; queries are disturbed."""
     batches: dict[str, list[Signatures]] = {name: [] for name in descriptors_of(methods)}
     spheres = []
