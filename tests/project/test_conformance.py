@@ -21,7 +21,7 @@ COMPONENTS = discover("").components
 def checked() -> dict[str, set[str]]:
     """The names that stand in test modules which call a check, by the check."""
     found: dict[str, set[str]] = defaultdict(set)
-    for path in [*(ROOT / "tests").rglob("test_*.py"), *(ROOT / "plugins").glob("*/tests/test_*.py")]:
+    for path in [*(ROOT / "tests").rglob("test_*.py"), *(ROOT / "plugins").glob("*/tests/**/test_*.py")]:
         nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
         names = {node.id for node in nodes if isinstance(node, ast.Name)}
         names |= {node.attr for node in nodes if isinstance(node, ast.Attribute)}  # omnilab_mirror.Mirror
