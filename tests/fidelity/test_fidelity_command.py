@@ -1,6 +1,10 @@
 """`omnilab fidelity` on made-up run folders: what it uses, what it refuses, what it writes, what it runs."""
 
+import os
+import signal
 import sys
+import threading
+import time
 
 import pytest
 
@@ -174,3 +178,20 @@ def test_the_claims_are_listed(fidelity):
     assert "at most 0.1" in result.stdout
     assert "omnilab experiment=pose_graph" in result.stdout
     assert "never" not in result.stdout
+
+
+def test_an_interrupt_reaches_the_run_and_begins_no_other(fidelity, program, tmp_path):
+    script = tmp_path / "program"
+    script.write_text(
+        "#!/bin/sh\ntrap 'echo ended=1 >> calls; kill $!; exit 130' INT\nsleep 30 2>/dev/null &\necho begun=1 >> calls\nwait\n"
+    )
+
+    def interrupt():
+        while not (tmp_path / "calls").exists():
+            time.sleep(0.02)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=interrupt).start()
+    result = fidelity("run", "--logs", "logs")
+    assert result.rc == 130
+    assert program() == [["begun=1"], ["ended=1"]]
