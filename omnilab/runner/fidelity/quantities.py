@@ -15,6 +15,7 @@ CELL = re.compile(r"(?P<table>[\w-]+)\.csv(\[(?P<where>[^\]]+)\])?\.(?P<column>\
 OF_COLUMN = re.compile(r"(?P<statistic>\w+)\((?P<cell>.+)\)")
 STATISTICS: dict[str, Callable[[Sequence[float]], float]] = {
     "mean": lambda values: math.fsum(values) / len(values),
+    "min": min,
     "max": max,
 }
 METRIC = re.compile(r"[^\s\[\]/]+")
