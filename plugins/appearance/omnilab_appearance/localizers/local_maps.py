@@ -120,7 +120,9 @@ class LocalMapLocalizer(ABC):
         alike = longest - shortest <= 1e-6 * longest
         _warn(alike, "maps have all distances equal, which determine no positions of their images; compare images by"
               " another distance")  # fmt: skip
-        _warn(~connected(counts), "maps fall into parts that no distance holds together; raise threshold or linked")
+        whole = connected(counts)
+        most = max((parts_of(pairs) for pairs in counts[~whole]), default=1)
+        _warn(~whole, f"maps fall into parts that no distance holds together, up to {most}; raise threshold or linked")
         return lengths, counts
 
     def _weights(self, lengths: Floats, counts: Bools) -> Floats:
@@ -169,6 +171,13 @@ def connected(pairs: Bools) -> Bools:
     while (further := (pairs & reached[:, :, None]).any(axis=1) & ~reached).any():
         reached |= further
     return np.asarray(reached.all(axis=1))
+
+
+def parts_of(pairs: Bools) -> int:
+    """The number of parts of a graph of pairs (n, n)."""
+    from scipy.sparse.csgraph import connected_components
+
+    return int(connected_components(pairs, directed=False)[0])
 
 
 def marks_of(iterations: Ints, steps: int) -> Ints:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from omnilab_studies.common.plots import blank_figure
+from omnilab_studies.common.plots import as_floor_plan, blank_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -121,18 +121,31 @@ def _curve(axes: Axes, points: Mapping[int, float], label: str, color: str) -> N
 
 
 def fitted(maps: Sequence[FittedMap]) -> Figure:
-    """Local maps over the truth: a line joins each place's true and estimated position; the query is red."""
-    figure = blank_figure(3.2 * len(maps), 3.4)
-    for axes, one in zip(figure.subplots(1, len(maps), squeeze=False)[0], maps, strict=True):
-        for truth, estimate in zip(one.truth_m, one.estimate_m, strict=True):
-            axes.plot(*np.stack([truth, estimate], 1), "-", color=TRUTH, linewidth=0.8)
-        axes.plot(*one.truth_m[:-1].T, "o", color=TRUTH, markersize=5)
-        axes.plot(*one.estimate_m[:-1].T, ".", color=ESTIMATE, markersize=6)
-        axes.plot(*one.truth_m[-1], "o", color=QUERY, markersize=7, markerfacecolor="none")
-        axes.plot(*one.estimate_m[-1], "x", color=QUERY, markersize=7, markeredgewidth=2)
-        error_m = float(np.linalg.norm(one.truth_m[-1] - one.estimate_m[-1]))
-        axes.set_aspect("equal")
-        axes.margins(0.12)
-        axes.set_title(f"error {error_m:.3f} m", fontsize=9)
-    figure.suptitle("Places (grey) and their map (blue); the query (red): o truth, x estimate", fontsize=10)
+    """Local maps over the truth, up to three a row: a line joins each place's true and estimated position (figure 4.7c)."""
+    columns = min(3, len(maps))
+    rows = -(-len(maps) // columns)
+    figure = blank_figure(3.8 * columns, 3.9 * rows + 0.7)
+    grid = figure.subplots(rows, columns, squeeze=False)
+    for axes in grid.flat[len(maps) :]:
+        axes.set_axis_off()
+    for axes, one in zip(grid.flat, maps, strict=False):
+        _fitted(axes, one)
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False, fontsize=9)
+    figure.suptitle("Maps of the first queries, fitted to the world on their places", fontsize=10)
     return figure
+
+
+def _fitted(axes: Axes, one: FittedMap) -> None:
+    moved = np.stack([one.truth_m, one.estimate_m, np.full_like(one.truth_m, np.nan)], axis=1).reshape(-1, 2)
+    axes.plot(*moved.T, "-", color=TRUTH, linewidth=0.8, label="residuals")
+    axes.plot(*one.truth_m[:-1].T, "o", color=TRUTH, markersize=5, label="places")
+    axes.plot(*one.estimate_m[:-1].T, ".", color=ESTIMATE, markersize=6, label="their map")
+    axes.plot(*one.truth_m[-1], "o", color=QUERY, markersize=7, markerfacecolor="none", label="query")
+    axes.plot(*one.estimate_m[-1], "x", color=QUERY, markersize=7, markeredgewidth=2, label="its estimate")
+    error_m = float(np.linalg.norm(one.truth_m[-1] - one.estimate_m[-1]))
+    as_floor_plan(axes, f"error {error_m:.3f} m")
+    axes.title.set_fontsize(9)
+    axes.margins(0.12)
+    axes.set_axisbelow(True)
+    axes.grid(alpha=0.25)

@@ -10,22 +10,24 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from omnilab.api import Embedding, Floats, Ints, Metric
-from omnilab.errors import DataError
 from omnilab.geometry import Similarity, procrustes
 from omnilab_studies.common.tables import markdown
+from omnilab_studies.local_maps.topological_map.lengths import Lengths
 
 Table = Mapping[str, Sequence[Any]]
 ON_NODE = 0.1  # steps that a neighbour may be off its node
 NEIGHBOURS = 4  # of a node of a grid
+COMBINED = "combined"  # the method of maps from several methods' distances
 
 
 class TopologicalMapCase(NamedTuple):
-    """Grid, method, links and localizer of a topological map."""
+    """Grid, method, lengths and localizer of a topological map."""
 
     step_m: float
     method: str
-    links: int  # most alike images whose distances count; 0: all distances do
+    lengths: Lengths
     localizer: str
+    room: str = ""  # where the study has several
 
 
 @dataclass(frozen=True)
@@ -70,14 +72,15 @@ class TopologicalMapResult:
 
     @property
     def embedding_title(self) -> str:
-        """Localizer and links."""
-        return f"{self.case.localizer}, {f'{self.case.links} links' if self.case.links else 'all distances'}"
+        """Localizer and lengths."""
+        return f"{self.case.localizer}, {self.case.lengths.title}"
 
     @property
     def title(self) -> str:
         """Case and residual, for the logs."""
         return (
-            f"{self.case.method}, {self.embedding_title}, step {self.case.step_m:g} m: RMS {self.rms_steps:.2f} steps"
+            f"{self.case.method}, {self.embedding_title}, step {self.case.step_m:g} m{_room(self.case)}:"
+            f" RMS {self.rms_steps:.2f} steps"
         )
 
 
@@ -85,23 +88,6 @@ def grid_edges(position_m: Floats, step_m: float) -> Ints:
     """The pairs (E, 2) of positions (n, 3) that are one step apart."""
     apart = np.linalg.norm(position_m[:, None] - position_m, axis=-1)
     return np.argwhere(np.triu(np.abs(apart - step_m) < ON_NODE * step_m, 1))
-
-
-def geodesic(length: Floats, links: int) -> Floats:
-    """Geodesic distances (n, n): shortest paths along each point's links to its `links` nearest (Isomap: Tenenbaum et al., 2000).
-
-    DataError if the links leave the points in several parts.
-    """
-    others = np.where(np.eye(len(length), dtype=bool), np.inf, length)
-    farthest = np.sort(others, axis=1)[:, min(links, len(length) - 1) - 1]
-    linked = (others <= farthest[:, None]) | (others <= farthest)
-    paths = np.where(linked, length, np.inf)
-    np.fill_diagonal(paths, 0)
-    for k in range(len(length)):  # Floyd and Warshall
-        np.minimum(paths, paths[:, k, None] + paths[k], out=paths)
-    if not np.isfinite(paths).all():
-        raise DataError("so few links leave the images in parts; give more in study.links")
-    return paths
 
 
 def best_of_each(maps: Sequence[TopologicalMapResult]) -> list[TopologicalMapResult]:
@@ -129,11 +115,20 @@ def time_table(maps: Sequence[TopologicalMapResult]) -> Table:
 
 
 def _cases(maps: Sequence[TopologicalMapResult]) -> dict[str, list[Any]]:
-    return {name: [getattr(one.case, name) for one in maps] for name in TopologicalMapCase._fields}
+    cases = [one.case for one in maps]
+    rooms = {"room": [case.room for case in cases]} if any(case.room for case in cases) else {}
+    return {
+        **rooms,
+        "step_m": [case.step_m for case in cases],
+        "method": [case.method for case in cases],
+        "links": [case.lengths.links for case in cases],
+        "lengths": [case.lengths.name for case in cases],
+        "localizer": [case.localizer for case in cases],
+    }
 
 
 def metrics_of(maps: Sequence[TopologicalMapResult], left_out: int) -> list[Metric]:
-    """The best map of the first step, the best of each step, and every map of the first step."""
+    """The best map of the first step, the best of each step (by each kind of lengths, too), and every map of the first step."""
     first = [one for one in maps if one.case.step_m == maps[0].case.step_m]
     best = min(first, key=lambda one: one.rms_m)
     steps = dict.fromkeys(one.case.step_m for one in maps)
@@ -145,9 +140,15 @@ def metrics_of(maps: Sequence[TopologicalMapResult], left_out: int) -> list[Metr
             Metric(f"best_rms_steps_at_{s:g}_m", min(one.rms_steps for one in maps if one.case.step_m == s), "1")
             for s in steps
         ),
+        *_best_by_lengths(maps),
         *(
             Metric(f"rms_steps_{_key(one.case)}", one.rms_steps, "1")
             for one in sorted(first, key=lambda one: one.rms_m)
+        ),
+        *(
+            Metric(f"rms_steps_{_key(one.case)}_at_{one.case.step_m:g}_m", one.rms_steps, "1")
+            for one in maps
+            if one.case.method == COMBINED
         ),
         Metric("nodes", len(best.position_m), "1"),
         Metric("maps", len(maps), "1"),
@@ -155,19 +156,32 @@ def metrics_of(maps: Sequence[TopologicalMapResult], left_out: int) -> list[Metr
     ]
 
 
+def _best_by_lengths(maps: Sequence[TopologicalMapResult]) -> list[Metric]:
+    """The least residual of every kind of lengths at every step."""
+    least: dict[tuple[float, str], float] = {}
+    for one in maps:
+        group = (one.case.step_m, one.case.lengths.name)
+        least[group] = min(one.rms_steps, least.get(group, np.inf))
+    return [Metric(f"best_rms_steps_{name}_at_{step_m:g}_m", rms, "1") for (step_m, name), rms in least.items()]
+
+
 def _key(case: TopologicalMapCase) -> str:
-    return f"{case.method.replace(' + ', '_')}_{case.links or 'all'}_{case.localizer}"
+    return f"{case.method.replace(' + ', '_')}_{case.lengths.name}_{case.localizer}"
 
 
 def summary_of(maps: Sequence[TopologicalMapResult]) -> str:
     """All maps as Markdown, the best of each step first."""
-    shown = ("method", "links", "localizer", "rms_steps", "rms_m", "neighbours_kept", "stress", "iterations")
+    shown = ("method", "lengths", "localizer", "rms_steps", "rms_m", "neighbours_kept", "stress", "iterations")
     parts = ["## Topological maps"]
     for step_m in dict.fromkeys(one.case.step_m for one in maps):
         ranking = sorted((one for one in maps if one.case.step_m == step_m), key=lambda one: one.rms_m)
         table = result_table(ranking)
         parts += [
-            f"### {step_m:g} m, {len(ranking[0].position_m)} images",
+            f"### {step_m:g} m, {len(ranking[0].position_m)} images{_room(ranking[0].case)}",
             markdown({name: table[name] for name in shown}),
         ]
     return "\n\n".join(parts)
+
+
+def _room(case: TopologicalMapCase) -> str:
+    return f", {case.room}" if case.room else ""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -22,18 +22,20 @@ from omnilab.api import (
     check_settings,
     setting,
 )
-from omnilab.errors import ConfigError, DataError
+from omnilab.errors import ConfigError, DataError, did_you_mean
 from omnilab.geometry import planar_poses, spanned
 from omnilab_studies.common.frames import deliver
 from omnilab_studies.common.free_area import window
 from omnilab_studies.common.logs import show_picture, start_logs
-from omnilab_studies.common.methods import fitted_all, methods_of
+from omnilab_studies.common.methods import Method, fitted_all, methods_of
+from omnilab_studies.common.pose_sources import changed
 from omnilab_studies.common.scores import known_poses
 from omnilab_studies.local_maps.candidates import describe_images
 from omnilab_studies.local_maps.display import STATE_NS, settling
 from omnilab_studies.local_maps.embedders import embedders_of, warm_up
 from omnilab_studies.local_maps.topological_map import figures
 from omnilab_studies.local_maps.topological_map.layout import LAYOUT
+from omnilab_studies.local_maps.topological_map.lengths import Lengths
 from omnilab_studies.local_maps.topological_map.results import (
     TopologicalMapResult,
     best_of_each,
@@ -53,7 +55,10 @@ class TopologicalMap:
     the world (translation, rotation, reflection, scale): the residual is its error. Image distances saturate, so
     that far pairs seem closer than they are. `links` n keeps each image's distances to its n most alike ones and takes
     the shortest paths along those for all others (Isomap: Tenenbaum et al., 2000); 0 takes all distances as they are.
-    Positions play no part before the fit.
+    `conformal` n measures them on each image's own scale before that (C-Isomap), and `combined` averages the distances of
+    several methods so scaled. `thresholds` leave springs out beyond a distance (3.2.1), in units of the least that leaves
+    the images in one part. With `rooms` each step has a room of its own, as figures 12-14. Positions play no part before
+    the fit, but with `slope_m`: then c of eq. 14 is the slope of image distance in the first room, as printed.
     """
 
     steps_m: list[float] = setting([0.1, 0.3, 0.5], above=0, fewest=1)  # of the grids
@@ -62,6 +67,11 @@ class TopologicalMap:
     links: list[int] = setting(
         [0, 8], at_least=0, at_most=1_000_000, fewest=1
     )  # most alike images that count; 0: all of them do
+    thresholds: list[float] = setting([], above=0, at_most=1e6)  # 1: the least that leaves all in one part
+    conformal: list[int] = setting([], at_least=1, at_most=1_000_000)  # most alike images, which give the scale, too
+    combined: list[str] = setting([])  # methods whose conformal distances are averaged, as "radon + cityblock"
+    slope_m: float | None = setting(None, above=0)  # metres up to which c is measured; null: localizers' own slope
+    rooms: dict[str, Any] = setting({})  # by name, settings of the sensor for each of steps_m; none: one for all
     random_headings: bool = False  # turn the camera at every node; only for sensors that image any pose
     height_m: float | None = setting(None, at_least=-1e6, at_most=1e6)  # of the viewpoint; null: the sensor's own
     show: int = setting(20, at_least=0)  # images of each grid that go into the logs
@@ -69,33 +79,81 @@ class TopologicalMap:
     needs: ClassVar[tuple[str, ...]] = ("sensor", "localizers")
     metric_names: ClassVar[tuple[str, ...]] = (
         "best_rms_steps", "best_rms", "best_neighbours_kept", "best_rms_steps_at_STEP_m",
-        "rms_steps_METHOD_LINKS_LOCALIZER", "nodes", "maps", "left_out",
+        "best_rms_steps_LENGTHS_at_STEP_m", "rms_steps_METHOD_LENGTHS_LOCALIZER",
+        "rms_steps_combined_LENGTHS_LOCALIZER_at_STEP_m", "nodes", "maps", "left_out",
     )  # fmt: skip
 
     def __post_init__(self) -> None:
         check_settings(self, "study.")
+        if self.rooms and len(self.rooms) != len(set(self.steps_m)):
+            raise ConfigError(
+                f"study.rooms holds {len(self.rooms)} rooms for the {len(set(self.steps_m))} steps of"
+                f" study.steps_m={list(self.steps_m)}; give each step one, or none"
+            )
+        if self.combined and not self.conformal:
+            raise ConfigError(
+                "study.combined averages conformal distances, and there are none; give study.conformal=[6]"
+            )
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
-        """Describe, compare all with all, embed, fit: for every step, method, links and localizer."""
+        """Describe, compare all with all, embed, fit: for every step, method, kind of lengths and localizer."""
         if parts.disturbances:
             raise ConfigError("topological_map has no queries to disturb; leave disturbance out")
-        start_logs(record, LAYOUT, parts.sensor)
+        rooms = self._rooms(parts)
+        start_logs(record, LAYOUT, next(iter(rooms.values()))[1].sensor)
         embedders = embedders_of(parts)
         warm_up(embedders.values())
-        grids = {step_m: self._grid(parts, step_m, rng) for step_m in dict.fromkeys(self.steps_m)}
-        methods = methods_of(fitted_all(parts, grids[self.steps_m[0]], record))
+        grids = {step_m: self._grid(own, step_m, rng) for step_m, (_, own) in rooms.items()}
+        first = self.steps_m[0]
+        methods = methods_of(fitted_all(rooms[first][1], grids[first], record))
+        self._check_combined(methods)
 
-        runs = TopologicalMapRuns(embedders, self.links, self.random_headings, int(rng.integers(2**32)), record)
+        runs = TopologicalMapRuns(
+            embedders,
+            self._lengths(),
+            self.combined,
+            self.slope_m,
+            self.random_headings,
+            int(rng.integers(2**32)),
+            record,
+        )
         omitted: list[str] = []
         for step_m, grid in grids.items():
-            frames = deliver(parts, grid, record, f"images, {step_m:g} m")
+            room, own = rooms[step_m]
+            frames = deliver(own, grid, record, f"images, {step_m:g} m")
             images = describe_images(methods, self._shown(frames, len(grid), record), len(grid), "images", record)
-            runs.run(step_m, images, methods)
+            runs.run(step_m, room, images, methods)
             omitted += images.omitted
         if not runs.results:
             raise DataError(f"not one map could be made ({runs.unsuited[0]}); choose other distances, or more links")
         _show(runs.results, record)
         return _report(runs, omitted)
+
+    def _rooms(self, parts: Parts) -> dict[float, tuple[str, Parts]]:
+        """The room of each step, and the parts with its sensor."""
+        steps = dict.fromkeys(self.steps_m)
+        if not self.rooms:
+            return dict.fromkeys(steps, ("", parts))
+        return {
+            step_m: (name, replace(parts, sensor=changed(parts.sensor, f"study.rooms.{name}", settings)))
+            for step_m, (name, settings) in zip(steps, self.rooms.items(), strict=True)
+        }
+
+    def _lengths(self) -> list[Lengths]:
+        return [
+            *(Lengths(links) for links in dict.fromkeys(self.links)),
+            *(Lengths(threshold=threshold) for threshold in dict.fromkeys(self.thresholds)),
+            *(Lengths(links, conformal=True) for links in dict.fromkeys(self.conformal)),
+        ]
+
+    def _check_combined(self, methods: Sequence[Method]) -> None:
+        known = [method.name for method in methods]
+        for name in self.combined:
+            if name not in known:
+                raise ConfigError(
+                    f"study.combined names '{name}', which is no method of the run; there is {', '.join(known)}"
+                    f"{did_you_mean(name, known)}"
+                )
 
     def _grid(self, parts: Parts, step_m: float, rng: np.random.Generator) -> Plan:
         """The nodes of a step: the part of the sensor's grid that has the fewest gaps."""
