@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -23,25 +24,29 @@ COLUMNS_PER_ROW = PANORAMA_SHAPE[1] // PANORAMA_SHAPE[0]  # where the rows are g
 MOST_ROWS = 8191  # OpenCV takes no more columns than are four times that
 # of a panorama's pixel: SIFT blurs the doubled picture 6 times in float32 and subtracts 5 times, in octaves that halve
 DETECTION_BYTES = {Detector.sift: 4 * 4 * 11 * 4 / 3, Detector.surf: 16.0}
+Detect = Callable[[Bytes, Bools, int], tuple[Floats, npt.NDArray[Any]]]
 BORDER = 6  # pixels around what the camera does not show, where the edge of the black would be a feature
 
 
 def spherical_features(
-    frames: Frames, detector: Detector, count: int, least: int, rows: int | None = None
+    frames: Frames, detector: Detector, count: int, least: int, rows: int | None = None, upright: bool = False
 ) -> list[ImageFeatures | Unusable]:
     """The strongest `count` features of each image; an Unusable for a black or flat one, or one with fewer than `least`.
 
     They are found on panoramas of the camera's own resolution, or of so many rows and four times as many columns.
+    `upright` ones, of SIFT, have the panorama's own axes: how a robot turns about a vertical axis moves a panorama sideways and rotates nothing in it, and an
+    orientation that is not estimated cannot differ between two images (Bay et al., 2006, of U-SURF).
     """
     camera = frames.camera
     shape = panorama_shape(camera) if rows is None else (rows, COLUMNS_PER_ROW * rows)  # type: ignore[arg-type]  # cameras are frozen dataclasses
     valid = _valid_pixels(camera, shape, detector)  # type: ignore[arg-type]
     panoramas = panorama(to_gray(frames.images), camera, shape)
-    return [_detect(image, camera, valid, detector, count, least) for image in panoramas]
+    detect = _surf if detector is Detector.surf else _upright_sift if upright else _sift
+    return [_detect(image, camera, valid, detect, count, least) for image in panoramas]
 
 
 def _detect(
-    image: Bytes, camera: Camera, valid: Bools, detector: Detector, count: int, least: int
+    image: Bytes, camera: Camera, valid: Bools, detect: Detect, count: int, least: int
 ) -> ImageFeatures | Unusable:
     values = image[valid]
     if values.size == 0 or values.max() <= DARK:
@@ -51,7 +56,7 @@ def _detect(
     seam = round(SEAM * image.shape[1])
     wide = np.concatenate([image[:, -seam:], image, image[:, :seam]], axis=1)
     mask = np.concatenate([valid[:, -seam:], valid, valid[:, :seam]], axis=1)
-    uv, vectors = (_sift if detector is Detector.sift else _surf)(wide, mask, count)
+    uv, vectors = detect(wide, mask, count)
     uv = uv - [seam, 0]
     azimuth_level = _azimuth_level(uv, image.shape)
     directions = _directions(azimuth_level, camera)
@@ -101,14 +106,31 @@ def _valid_pixels(camera: Camera, shape: tuple[int, int], detector: Detector) ->
 
 def _sift(image: Bytes, mask: Bools, count: int) -> tuple[Floats, npt.NDArray[Any]]:
     """Pixels (F, 2) of a picture, and SIFT vectors (F, 128) uint8."""
+    points, vectors = _sift_detector(count).detectAndCompute(image, mask.astype(np.uint8))
+    return _strongest(points, vectors)
+
+
+def _upright_sift(image: Bytes, mask: Bools, count: int) -> tuple[Floats, npt.NDArray[Any]]:
+    """As `_sift`, described along the panorama's axes."""
+    sift = _sift_detector(count)
+    points = sift.detect(image, mask.astype(np.uint8))
+    for point in points:
+        point.angle = 0.0
+    return _strongest(*sift.compute(image, points))
+
+
+def _sift_detector(count: int) -> Any:
     import cv2
 
     wanted = int(1.25 * count)  # some are found twice, on either side of the panorama's seam
-    sift = cv2.SIFT_create(  # type: ignore[attr-defined]
+    return cv2.SIFT_create(  # type: ignore[attr-defined]
         nfeatures=wanted, contrastThreshold=CONTRAST["sift"], enable_precise_upscale=True
     )
-    points, vectors = sift.detectAndCompute(image, mask.astype(np.uint8))
-    if not points:
+
+
+def _strongest(points: Sequence[Any], vectors: npt.NDArray[Any] | None) -> tuple[Floats, npt.NDArray[Any]]:
+    """OpenCV's keypoints and their vectors (F, 128), strongest first: pixels (F, 2), and uint8."""
+    if not points or vectors is None:
         return np.zeros((0, 2)), np.zeros((0, 128), np.uint8)
     uv = np.array([point.pt for point in points])
     order = np.argsort([-point.response for point in points], kind="stable")

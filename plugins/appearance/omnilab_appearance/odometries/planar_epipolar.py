@@ -34,6 +34,7 @@ from omnilab_appearance.common.spherical_features import (
 from omnilab_appearance.descriptors.radon import Radon
 from omnilab_appearance.distances.poc_squared import PocSquared
 
+UNIT_STEP = GroundStep(1.0, 1.0, 0)  # where nothing is known of a length but that there is one
 POC_SPREAD = 0.25  # standard deviation of a length by POC, of the length
 
 
@@ -42,6 +43,7 @@ class Length(Enum):
 
     floor = "floor"
     poc = "poc"
+    unit = "unit"
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,21 +71,24 @@ class PlanarEpipolar:
     panorama_rows: int | None = setting(
         None, at_least=32, at_most=MOST_ROWS
     )  # of the panorama that they are found on, 4 columns each; not given: the camera's own resolution
+    upright: bool = False  # described along the panorama's axes, not along an orientation of their own; of sift
     ratio: float = setting(0.8, above=0, at_most=1)  # a match is so much nearer than the second best
     solver: Solver = Solver.two_point  # minimal; or linear, on four points as printed
     tolerance_deg: float = setting(0.5, above=0, at_most=10)  # of a match from its epipolar plane
     draws: int = setting(300, at_least=1, at_most=1_000_000)  # of RANSAC, at most
     least_matches: int = setting(12, at_least=5)  # inliers; with fewer the estimate fails
-    length: Length = Length.floor  # by points of the floor; or poc, by the distance of the Radon transforms
+    length: Length = Length.floor  # by points of the floor; or poc, by the Radon transforms; unit: 1, for want of any
     height_m: float | None = setting(None, above=0)  # of the camera above the floor; not given: lengths in that height
 
     def __post_init__(self) -> None:
         check_settings(self)
+        if self.upright and self.detector is not Detector.sift:
+            raise ConfigError(f"upright=true is for detector=sift, not {self.detector.value}; give upright=false, or sift")
 
     def extract(self, frames: Frames) -> Sequence[ImageFeatures | Unusable]:
         """Features of each image on the unit sphere; DataError for an uncalibrated camera."""
         check_calibrated(frames.camera, "odometry=appearance")
-        found = spherical_features(frames, self.detector, self.features, self.least_matches, self.panorama_rows)
+        found = spherical_features(frames, self.detector, self.features, self.least_matches, self.panorama_rows, self.upright)
         if self.length is not Length.poc:
             return found
         transforms = Radon().describe(view_of(frames.images, frames.camera, "mirror", False)).place
@@ -94,13 +99,14 @@ class PlanarEpipolar:
 
     def estimate(self, before: ImageFeatures, now: ImageFeatures, rng: np.random.Generator) -> Motion:
         """The motion between two images of one camera, from their features."""
-        i, j = match_features(before, now, self.ratio)
-        p, q = directions_of(before)[i], directions_of(now)[j]
-        pose = pose_of(p, q, rng, self.solver, self.tolerance_deg, self.draws, self.least_matches, CORRELATED)
+        i, j, pose = self._matched(before, now, rng)
         if pose.failed:
             return self._motion(before, now, i, j, pose, GroundStep(np.nan, np.inf, 0, pose.failed))
+        if self.length is Length.unit:
+            return self._motion(before, now, i, j, pose, UNIT_STEP)
         if self.length is Length.poc:
             return self._motion(before, now, i, j, pose, _poc_step(before, now))
+        p, q = directions_of(before)[i], directions_of(now)[j]
         step = ground_step(p[pose.agree], q[pose.agree], pose.phi, pose.beta, pose.noise_rad)
         height = self.height_m or 1.0
         scaled = step._replace(length=height * step.length, variance=height**2 * step.variance)
@@ -110,10 +116,21 @@ class PlanarEpipolar:
         self, before: ImageFeatures, now: ImageFeatures, rng: np.random.Generator
     ) -> tuple[RelativePose, Floats, Floats]:
         """The relative pose, and the directions (K, 3) of its inliers before and now."""
+        i, j, pose = self._matched(before, now, rng)
+        return pose, directions_of(before)[i[pose.agree]], directions_of(now)[j[pose.agree]]
+
+    def _matched(
+        self, before: ImageFeatures, now: ImageFeatures, rng: np.random.Generator
+    ) -> tuple[Ints, Ints, RelativePose]:
+        """Indices (M,), (M,) of matched features, and the relative pose that they agree on."""
         i, j = match_features(before, now, self.ratio)
+        return i, j, self._pose_of(before, now, i, j, rng)
+
+    def _pose_of(
+        self, before: ImageFeatures, now: ImageFeatures, i: Ints, j: Ints, rng: np.random.Generator
+    ) -> RelativePose:
         p, q = directions_of(before)[i], directions_of(now)[j]
-        pose = pose_of(p, q, rng, self.solver, self.tolerance_deg, self.draws, self.least_matches, CORRELATED)
-        return pose, p[pose.agree], q[pose.agree]
+        return pose_of(p, q, rng, self.solver, self.tolerance_deg, self.draws, self.least_matches, CORRELATED)
 
     def _motion(
         self, before: ImageFeatures, now: ImageFeatures, i: Ints, j: Ints, pose: RelativePose, step: GroundStep
@@ -125,7 +142,7 @@ class PlanarEpipolar:
 
     @property
     def _unit(self) -> str:
-        if self.length is Length.poc:
+        if self.length is not Length.floor:
             return "1"
         return "camera heights" if self.height_m is None else "m"
 
