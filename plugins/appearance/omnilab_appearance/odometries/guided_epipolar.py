@@ -34,7 +34,5 @@ class GuidedEpipolar(PlanarEpipolar):
         i, j, pose = super()._matched(before, now, rng)
         if pose.failed:
             return i, j, pose
-        i, j = guided_matches(
-            before, now, pose, np.deg2rad(self.tolerance_deg), self.guided_ratio, self.least_cosine
-        )
+        i, j = guided_matches(before, now, pose, np.deg2rad(self.tolerance_deg), self.guided_ratio, self.least_cosine)
         return i, j, self._pose_of(before, now, i, j, rng)

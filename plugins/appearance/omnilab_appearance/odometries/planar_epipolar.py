@@ -83,12 +83,16 @@ class PlanarEpipolar:
     def __post_init__(self) -> None:
         check_settings(self)
         if self.upright and self.detector is not Detector.sift:
-            raise ConfigError(f"upright=true is for detector=sift, not {self.detector.value}; give upright=false, or sift")
+            raise ConfigError(
+                f"upright=true is for detector=sift, not {self.detector.value}; give upright=false, or sift"
+            )
 
     def extract(self, frames: Frames) -> Sequence[ImageFeatures | Unusable]:
         """Features of each image on the unit sphere; DataError for an uncalibrated camera."""
         check_calibrated(frames.camera, "odometry=appearance")
-        found = spherical_features(frames, self.detector, self.features, self.least_matches, self.panorama_rows, self.upright)
+        found = spherical_features(
+            frames, self.detector, self.features, self.least_matches, self.panorama_rows, self.upright
+        )
         if self.length is not Length.poc:
             return found
         transforms = Radon().describe(view_of(frames.images, frames.camera, "mirror", False)).place
