@@ -16,6 +16,7 @@ from omnilab.api import (
     Parts,
     PathPoses,
     Plan,
+    RandomPoses,
     Signatures,
 )
 from omnilab.cameras import ImageCircle
@@ -43,6 +44,9 @@ class Plane:
             T = planar_poses(np.stack([x, y, np.ones_like(x)], -1))
             free = ~(self.hole & (np.hypot(x - 0.5, y - 0.5) < 0.1))
             return Plan([f"{i}" for i in np.flatnonzero(free)], T[free])
+        if isinstance(layout, RandomPoses):
+            at = np.random.default_rng(layout.seed).uniform(-1, 3, (layout.count, 2))
+            layout = PathPoses(planar_poses(np.column_stack([at, np.ones(layout.count)])))
         assert isinstance(layout, PathPoses)
         return Plan([f"query {i}" for i in range(len(layout.T_world_camera))], layout.T_world_camera)
 
@@ -221,6 +225,20 @@ def test_levels_of_a_disturbance_that_is_not_there_are_reported_as_unused():
     study = Robustness(**SQUARE, query_count=5, levels={"blur": {"sigma": [1]}})
     study.run(parts_of(), log, np.random.default_rng(0))
     assert any("study.levels.blur is not used" in getattr(record, "text", "") for _, record, _ in log.logged)
+
+
+def test_without_a_side_the_map_is_all_that_is_free():
+    parts = parts_of(sensor=Plane(hole=True))
+    study = Robustness(side=None, step_m=0.5, query_count=60, levels={"push": {"shift": [5]}})
+    report = study.run(parts, Recorder([]), np.random.default_rng(0))
+    assert set(report.tables["levels"]["queries"]) == {60}
+    summary = report.tables["robustness"]
+    rates = dict(zip(summary["method"], summary["clear_rate"], strict=True))
+    assert rates["read"] > 0.9  # a query by the furniture may be nearer to it than to what is free
+    assert rates["blind"] < 0.1
+    mesh = np.ma.filled(report.figures["surfaces"].axes[0].collections[0].get_array().astype(float), np.nan)
+    x = np.arange(-1, 3.1, 0.5)
+    assert np.argwhere(np.isnan(mesh)).tolist() == [[np.searchsorted(x, 0.5), np.searchsorted(x, 0.5)]]  # furniture
 
 
 @pytest.mark.parametrize(

@@ -82,7 +82,9 @@ def surfaces(places_m: Floats, fields: Mapping[str, Floats], truth_m: Floats) ->
     figure = blank_figure(2.6 * columns, 2.9 * rows)
     x, y = (np.unique(places_m[:, axis].round(6)) for axis in (0, 1))
     for axes, (name, field) in zip(figure.subplots(rows, columns, squeeze=False).flat, fields.items(), strict=False):
-        axes.pcolormesh(x, y, field.reshape(len(y), len(x)), cmap="viridis_r", shading="nearest")
+        mesh = np.full((len(y), len(x)), np.nan)  # places that are not free stay blank
+        mesh[np.searchsorted(y, places_m[:, 1].round(6)), np.searchsorted(x, places_m[:, 0].round(6))] = field
+        axes.pcolormesh(x, y, mesh, cmap="viridis_r", shading="nearest")
         axes.plot(*truth_m[:2], "o", markersize=9, markerfacecolor="none", markeredgecolor="white", markeredgewidth=3)
         axes.plot(*truth_m[:2], "o", markersize=9, markerfacecolor="none", markeredgecolor="black")
         axes.plot(*places_m[field.argmin(), :2], "x", color="#d1403f", markersize=8, markeredgewidth=2)

@@ -11,9 +11,11 @@ import numpy as np
 from omnilab.api import (
     Floats,
     Frames,
+    GridPoses,
     Parts,
     PlaceMap,
     Plan,
+    RandomPoses,
     Recorder,
     Report,
     Sensor,
@@ -43,14 +45,14 @@ LEVEL_NS = 100_000_000  # between two levels, in the logs
 class Robustness:
     """Study F: localisation by several descriptors as queries are disturbed (Berenguer, thesis, 4.6.5, fig. 4.23).
 
-    `side` x `side` places; the same queries, with the same noise, for every method: clear, then with each of the run's
+    `side` x `side` places, or those of all that the sensor covers; the same queries, with the same noise, for every method: clear, then with each of the run's
     disturbances alone, at each of its `levels`, from mild to strong. `area` is the mean rate of nearest answers
     over a disturbance's levels, or over all; the breakdown point is its first level at which that rate is below half of
     the clear one. The sharpness C (eq. 4.6, figure 4.24) is that of the clear queries. The logs show image and estimates of
     the first query, one step a level.
     """
 
-    side: int = setting(8, at_least=2, at_most=1000)  # places along x and along y
+    side: int | None = setting(8, at_least=2, at_most=1000)  # places along x and along y; null: all that is free
     step_m: float = setting(0.2, above=0)  # between places
     center_m: list[float] = setting([0.0, 0.0], count=2)  # the map is the free square nearest to it
     query_count: int = setting(200, at_least=1, at_most=1_000_000)  # queries at each level, evenly over the map's area
@@ -75,7 +77,7 @@ class Robustness:
         """Describe the map, localise the queries at every level by every method, compare."""
         start_logs(record, LAYOUT, parts.sensor)
         levels = levels_of(self.levels, parts.disturbances, record)
-        grid = free_square(parts.sensor, self.side, self.step_m, self.center_m, self.height_m)
+        grid = self._grid(parts.sensor)
         places_m = known_poses(grid.T_world_camera, "places")[:, :3, 3]
         record.log("places", PlaceMap(places_m))
         plan = self._query_plan(parts.sensor, grid, rng)
@@ -93,7 +95,15 @@ class Robustness:
         text = markdown_of(summary, levels, comparison.rates)
         return Report(metrics_of(comparison, costs), tables, drawn, summary=text)
 
+    def _grid(self, sensor: Sensor) -> Plan:
+        if self.side is None:
+            return sensor.plan(GridPoses(self.step_m, height_m=self.height_m))
+        return free_square(sensor, self.side, self.step_m, self.center_m, self.height_m)
+
     def _query_plan(self, sensor: Sensor, grid: Plan, rng: np.random.Generator) -> Plan:
+        if self.side is None:
+            step = None if self.heading_steps is None else 2 * np.pi / self.heading_steps
+            return sensor.plan(RandomPoses(self.query_count, int(rng.integers(2**32)), step, None, self.height_m))
         at = positions_within(grid, self.query_count, rng)
         return sensor.plan(poses_with_headings(at, rng.random(self.query_count), self.heading_steps))
 
