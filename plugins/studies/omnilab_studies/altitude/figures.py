@@ -9,7 +9,7 @@ import numpy as np
 
 from omnilab.api import Bytes
 from omnilab_studies.altitude.results import LEAST_M, AltitudeResults, HeightEstimates, by_height
-from omnilab_studies.common.plots import CURVES, blank_figure, plain_axes, style_of
+from omnilab_studies.common.plots import CURVES, MARKERS, blank_figure, plain_axes, style_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -79,29 +79,32 @@ def cases(estimates: HeightEstimates, reference: str) -> Figure:
 
 
 def spread(results: AltitudeResults) -> Figure:
-    """Mean and deviation over the columns of estimates over their largest, level by level (thesis, figures 5.17-5.20)."""
+    """Mean and deviation over the columns of estimates over their largest, level by level (thesis, figures 5.17-5.20).
+
+    A row a disturbance and reference, a column an altimeter; the bars of the levels stand beside one another.
+    """
     disturbances = list(dict.fromkeys(level.disturbance for level in results.levels[1:])) or ["clear"]
+    rows = [(disturbance, reference) for disturbance in disturbances for reference in results.references]
     names = results.altimeters
-    figure = blank_figure(4.2 * len(names), 2.9 * len(disturbances))
-    grid = figure.subplots(len(disturbances), len(names), squeeze=False, sharex=True, sharey=True)
-    for row, disturbance in zip(grid, disturbances, strict=True):
+    figure = blank_figure(4.2 * len(names), 0.4 + 2.4 * len(rows))
+    grid = figure.subplots(len(rows), len(names), squeeze=False, sharex=True, sharey=True)
+    for row, (disturbance, reference) in zip(grid, rows, strict=True):
         levels = [results.levels[0], *(x for x in results.levels[1:] if x.disturbance == disturbance)]
         for axes, name in zip(row, names, strict=True):
             for k, level in enumerate(levels):
-                for reference, style in zip(results.references, ("--", "-", "-.", ":"), strict=False):
-                    heights, mean, deviation = by_height(results.of(name, level.title, reference))
-                    at = heights + 0.012 * (k - (len(levels) - 1) / 2)  # so that bars do not hide one another
-                    label = level.title.replace("_", " ") if reference == results.references[-1] else None
-                    axes.errorbar(at, mean, deviation, color=CURVES[k], ls=style, lw=1.1, elinewidth=0.8, label=label)
+                heights, mean, deviation = by_height(results.of(name, level.title, reference))
+                gap = float(np.diff(heights).min(initial=0.1))
+                at = heights + 0.7 * gap * (k / max(1, len(levels) - 1) - 0.5)  # so that bars do not hide one another
+                bars = {"elinewidth": 1.0, "capsize": 2.5, "fmt": f"{MARKERS[k % len(MARKERS)]}-", "ms": 4, "lw": 1.0}
+                axes.errorbar(at, mean, deviation, color=CURVES[k], label=level.title.replace("_", " "), **bars)
             axes.axhline(0, color="black", linewidth=0.6)
-            axes.set_title(name.replace("_", " "), fontsize=10)
+            axes.set_title(f"{name.replace('_', ' ')}, reference {reference}", fontsize=10)
             plain_axes(axes)
         row[0].set_ylabel("estimate / its largest")
-        row[0].legend(fontsize=7, frameon=False, loc="upper left")
+        row[-1].legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1, 0.5))
     for axes in grid[-1]:
         axes.set_xlabel("height of the test [m]")
-    references = " (full), ".join(reversed(results.references)) + (" (dashed)" if len(results.references) > 1 else "")
-    figure.suptitle(f"Mean and standard deviation over the columns; references {references}", fontsize=10)
+    figure.suptitle("Mean and standard deviation over the columns", fontsize=10)
     return figure
 
 
@@ -127,9 +130,13 @@ def signs(results: AltitudeResults) -> Figure:
         plain_axes(axes)
     for axes in grid[len(results.levels) :]:
         axes.set_axis_off()
+    for i, axes in enumerate(grid[: len(results.levels)]):
+        if i + columns >= len(results.levels):  # the lowest of its column
+            axes.set_xlabel("|rise| [m]")
+            axes.tick_params(labelbottom=True)
+    for axes in grid[::columns]:
+        axes.set_ylabel("right signs [%]")
     figure.legend(*grid[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=9, frameon=False)
-    figure.supxlabel("|rise| [m]", fontsize=10)
-    figure.supylabel("right signs [%]", fontsize=10)
     return figure
 
 

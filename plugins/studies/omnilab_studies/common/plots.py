@@ -46,8 +46,25 @@ def plain_axes(axes: Axes) -> None:
     axes.grid(alpha=0.25)
 
 
+def plain_logarithmic(axes: Axes, along: str = "x") -> None:
+    """A logarithmic axis with the ticks 1, 2, 5, 10, ... as plain numbers."""
+    from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
+
+    axes.set(**{f"{along}scale": "log"})
+    axis = axes.xaxis if along == "x" else axes.yaxis
+    low, high = axis.get_view_interval()
+    narrow = high < 300 * low  # else they would stand too close
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5) if narrow else (1,)))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_locator(NullLocator())
+
+
 def style_of(names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """A colour and a marker for each method, the same in all figures."""
-    return {
-        name: {"color": CURVES[i % len(CURVES)], "marker": MARKERS[i % len(MARKERS)]} for i, name in enumerate(names)
-    }
+    """A colour and a marker for each method, the same in all figures; after the colours are used up, hollow markers."""
+    return {name: _style(i) for i, name in enumerate(names)}
+
+
+def _style(i: int) -> dict[str, Any]:
+    turn, place = divmod(i, len(CURVES))
+    style: dict[str, Any] = {"color": CURVES[place], "marker": MARKERS[(place + 3 * turn) % len(MARKERS)]}
+    return style | ({"markerfacecolor": "white"} if turn % 2 else {})

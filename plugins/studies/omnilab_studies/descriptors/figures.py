@@ -5,28 +5,32 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from omnilab_studies.common.plots import blank_figure
+from omnilab_studies.common.plots import blank_figure, plain_axes, plain_logarithmic, style_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FRONT, DOT = "#d1403f", "#2f6db3"
+FRONT = "#8b93a1"
 
 
 def pareto(points: Mapping[str, tuple[float, float]], cost: str, gain: str, title: str) -> Figure:
-    """Cost (logarithmic) against gain; a line joins the Pareto front."""
-    figure = blank_figure(7.6, 5.2)
+    """Cost (logarithmic) against gain; a line joins the Pareto front, whose names come first in the legend."""
+    figure = blank_figure(8.8, max(4.6, 1.0 + 0.23 * len(points)))
     axes = figure.subplots()
     front = pareto_front(points)
     best = sorted(points[name] for name in front)
-    axes.step(*zip(*best, strict=True), where="post", color=FRONT, linewidth=1, alpha=0.6, zorder=0)
-    for name, (x, y) in points.items():
-        axes.plot(x, y, "o", markersize=7, color=FRONT if name in front else DOT)
-        axes.annotate(name, (x, y), xytext=(6, 5), textcoords="offset points", fontsize=8)
-    axes.set(xscale="log", xlabel=cost, ylabel=gain, title=f"{title} (red: beaten by none in both)")
-    axes.margins(0.25, 0.12)
-    axes.grid(alpha=0.25, which="both")
-    axes.spines[["top", "right"]].set_visible(False)
+    axes.step(
+        *zip(*best, strict=True), where="post", color=FRONT, linewidth=1, zorder=0, label="beaten by none in both:"
+    )
+    style = style_of(list(points))
+    for name in [*sorted(front, key=lambda name: points[name]), *(n for n in points if n not in front)]:
+        axes.plot(*points[name], linestyle="", markersize=8, label=name, **style[name])
+    axes.set(xlabel=cost, ylabel=gain)
+    axes.set_title(title, fontsize=11)
+    axes.margins(0.08, 0.08)
+    plain_logarithmic(axes)
+    plain_axes(axes)
+    axes.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1, 0.5))
     return figure
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from omnilab_studies.common.plots import blank_figure
+from omnilab_studies.common.plots import CURVES, blank_figure, plain_axes, plain_logarithmic
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,11 +22,14 @@ def bars(values: Mapping[str, Mapping[str, float]], label: str, title: str) -> F
     rows = np.arange(len(values))
     for k, kind in enumerate(kinds):
         widths = [of.get(kind, np.nan) for of in values.values()]
-        drawn = axes.barh(rows + (k - (len(kinds) - 1) / 2) * height, widths, height, label=kind, color=f"C{k}")
+        drawn = axes.barh(
+            rows + (k - (len(kinds) - 1) / 2) * height, widths, height, label=kind, color=CURVES[k % len(CURVES)]
+        )
         axes.bar_label(drawn, [f"{width:.3g}" for width in widths], fontsize=7, padding=2)
-    axes.set(yticks=rows, yticklabels=list(values), xscale="log", xlabel=label, title=title)
+    axes.set(yticks=rows, yticklabels=list(values), xlabel=label, title=title)
     axes.invert_yaxis()
     axes.margins(x=0.12, y=0.01)
     axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=len(kinds), frameon=False)
-    axes.spines[["top", "right"]].set_visible(False)
+    plain_axes(axes)
+    plain_logarithmic(axes)
     return figure

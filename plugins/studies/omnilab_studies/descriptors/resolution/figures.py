@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from omnilab_studies.common.plots import CURVES, MARKERS, blank_figure
+from omnilab_studies.common.plots import CURVES, MARKERS, blank_figure, plain_axes, plain_logarithmic, style_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,7 +40,8 @@ def resolution(curves: Curves) -> Figure:
         if curve[1] == "any":
             style = styles[curve] | {"label": f"localise with {curve[0]}", "linestyle": "-"}
             right.plot([row["locate_ms"] for row in rows], **style)
-    right.set(yscale="log", ylabel="ms a query")
+    right.set_ylabel("ms a query")
+    plain_logarithmic(right, "y")
     left.set(ylim=(0, 103), ylabel="nearest [%]")
     for axes in (left, right):
         axes.set_xticks(range(len(sizes)), sizes, rotation=40, ha="right")
@@ -53,25 +54,27 @@ def resolution(curves: Curves) -> Figure:
 
 def pareto(curves: Curves) -> Figure:
     """Cost against accuracy: bytes of a place, and time of a query, with any heading."""
-    figure = blank_figure(10.5, 4.4)
+    figure = blank_figure(11.5, 4.4)
     left, right = figure.subplots(1, 2, sharey=True)
+    of_sizes = style_of([row["size"] for row in next(iter(curves.values()))])
     for curve, rows in curves.items():
         if curve[1] != "any":
             continue
-        style = _styles(curves)[curve] | {"linestyle": ":", "label": curve[0]}
+        color = _styles(curves)[curve]["color"]
         rates = [100 * row["nearest_rate"] for row in rows]
-        up = 4 if curve[0] == next(iter(curves))[0] else -9  # labels of two curves apart
         for axes, cost in (
             (left, [row["bytes_per_place"] / 1024 for row in rows]),
             (right, [row["describe_ms"] + row["locate_ms"] for row in rows]),
         ):
-            axes.plot(cost, rates, **style)
+            axes.plot(cost, rates, ":", color=color, label=curve[0])
             for x, y, row in zip(cost, rates, rows, strict=True):
-                axes.annotate(row["size"], (x, y), fontsize=6, xytext=(3, up), textcoords="offset points")
-    left.set(xscale="log", xlabel="KiB a place", ylabel="nearest, any heading [%]")
-    right.set(xscale="log", xlabel="ms a query: describe and localise")
+                axes.plot(x, y, ls="", ms=8, color=color, marker=of_sizes[row["size"]]["marker"])
+    for size, style in of_sizes.items():
+        right.plot([], [], ls="", ms=8, color="#5b6470", marker=style["marker"], label=size)
+    left.set(xlabel="KiB a place", ylabel="nearest, any heading [%]")
+    right.set(xlabel="ms a query: describe and localise")
     for axes in (left, right):
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.grid(alpha=0.25)
-    left.legend(fontsize=8, frameon=False)
+        plain_logarithmic(axes)
+        plain_axes(axes)
+    right.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1, 0.5))
     return figure

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from omnilab.api import Bytes, Floats
-from omnilab_studies.common.plots import blank_figure, plain_axes, style_of
+from omnilab_studies.common.plots import blank_figure, plain_axes, plain_logarithmic, style_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,9 +36,9 @@ def pictures(shown: Sequence[Bytes], levels: Sequence[Level]) -> Figure:
 def rates(found: Mapping[str, Floats], levels: Sequence[Level], queries: int) -> Figure:
     """The rate of nearest estimates against each disturbance (thesis, figure 4.23)."""
     rows = _by_disturbance(levels)
-    columns = min(3, len(rows) + 1)
-    lines = -(-(len(rows) + 1) // columns)
-    figure = blank_figure(4.0 * columns, 3.1 * lines)
+    columns = min(3, len(rows))
+    lines = -(-len(rows) // columns)
+    figure = blank_figure(4.0 * columns + 1.6, 3.1 * lines)
     grid = figure.subplots(lines, columns, squeeze=False, sharey=True).ravel()
     style = style_of(list(found))
     for axes, (name, steps) in zip(grid, rows.items(), strict=False):
@@ -52,8 +52,8 @@ def rates(found: Mapping[str, Floats], levels: Sequence[Level], queries: int) ->
         axes.set_axis_off()
     for axes in grid[::columns]:
         axes.set_ylabel("nearest [%]")
-    grid[len(rows)].legend(
-        *grid[0].get_legend_handles_labels(), loc="center", title=f"{queries} queries", frameon=False
+    figure.legend(
+        *grid[0].get_legend_handles_labels(), loc="outside right center", title=f"{queries} queries", frameon=False
     )
     return figure
 
@@ -101,9 +101,9 @@ def pareto(costs: Mapping[str, MethodCost], accuracy: Mapping[str, float], title
     left, right = figure.subplots(1, 2, sharey=True)
     _front(left, {name: cost.bytes_per_place / 1024 for name, cost in costs.items()}, accuracy)
     _front(right, {name: cost.query_ms for name, cost in costs.items()}, accuracy)
-    left.set(xlabel="KiB a place", ylabel="%")
+    left.set(xlabel="KiB a place", ylabel="nearest [%]")
     right.set(xlabel="ms a query: describe and localise")
-    left.legend(fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(0, -0.16), ncols=min(5, len(costs)))
+    right.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1, 0.5))
     figure.suptitle(title[0].upper() + title[1:], fontsize=11)
     return figure
 
@@ -117,7 +117,8 @@ def _front(axes: Axes, cost: Mapping[str, float], accuracy: Mapping[str, float])
     ]  # fmt: skip
     front = sorted((cost[name], 100 * accuracy[name]) for name in best)
     axes.plot(*zip(*front, strict=True), color="#8b93a1", linewidth=1.2, drawstyle="steps-post", zorder=1)
-    axes.set_xscale("log")
+    axes.margins(0.08, 0.08)
+    plain_logarithmic(axes)
     plain_axes(axes)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from omnilab.metrics import VERDICTS
-from omnilab_studies.common.plots import COLORS, blank_figure, style_of
+from omnilab_studies.common.plots import COLORS, blank_figure, plain_axes, plain_logarithmic, style_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -48,9 +48,10 @@ def success(rows: Rows) -> Figure:
 
 def heading_error(rows: Rows) -> Figure:
     """Mean error of the heading against the step (thesis, figure 4.14); medians dotted."""
+    style = style_of(list(dict.fromkeys(row["method"] for row in rows)))
+    rows = [row for row in rows if np.isfinite(row["heading_error_mean_deg"])]  # some methods tell no heading
     names = list(dict.fromkeys(row["method"] for row in rows))
-    kinds = list(dict.fromkeys(row["headings"] for row in rows))
-    style = style_of(names)
+    kinds = list(dict.fromkeys(row["headings"] for row in rows)) or [next(iter(TITLES))]
     figure = blank_figure(0.9 + 3.9 * len(kinds), 3.8)
     for axes, kind in zip(figure.subplots(1, len(kinds), squeeze=False, sharey=True)[0], kinds, strict=True):
         for name in names:
@@ -59,9 +60,11 @@ def heading_error(rows: Rows) -> Figure:
             axes.plot(steps, [row["heading_error_mean_deg"] for row in own], label=name, **style[name])
             medians = [row["heading_error_median_deg"] for row in own]
             axes.plot(steps, medians, ":", color=style[name]["color"], linewidth=1.4)
-        axes.set(yscale="log", xlabel="step of the map [m]", title=TITLES[kind])
-        axes.grid(alpha=0.25, which="both")
-        axes.spines[["top", "right"]].set_visible(False)
-    figure.axes[0].set_ylabel("heading error [deg]: mean, dotted: median")
-    figure.axes[0].legend(fontsize=8, frameon=False)
+        axes.set(xlabel="step of the map [m]", title=TITLES[kind])
+        axes.set_xticks(steps := sorted({row["step_m"] for row in rows}), [f"{step:g}" for step in steps])
+        plain_axes(axes)
+    figure.axes[0].set_ylabel("error of the heading [deg]")
+    plain_logarithmic(figure.axes[0], "y")  # which the others share
+    figure.axes[0].plot([], [], ":", color="black", label="medians")
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False)
     return figure
