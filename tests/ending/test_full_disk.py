@@ -46,6 +46,7 @@ def test_a_disk_that_the_run_fills(in_shell, tmp_path):
     assert not [path.name for path in folder.iterdir() if path.name.endswith(".part")]
 
 
+@pytest.mark.slow
 def test_the_same_with_both_logs(in_shell, tmp_path):
     """They grow until they are dropped, and so does the log; the disk has 300 kB."""
     ended = in_shell("{omnilab} study.how=fill +sink@sinks.rerun=rerun +sink@sinks.mcap=mcap", disk="300k")
@@ -63,6 +64,7 @@ def test_a_disk_without_room_for_a_run(in_shell, tmp_path):
     assert not list((tmp_path / "kept").rglob("status.json"))
 
 
+@pytest.mark.slow
 def test_a_map_that_is_too_large_costs_nothing_else(in_shell, tmp_path):
     ended = in_shell("{omnilab} study.map_mb=3", disk="2m")
     assert ended.rc == 2
@@ -74,6 +76,7 @@ def test_a_map_that_is_too_large_costs_nothing_else(in_shell, tmp_path):
     assert load_run(folder).status["status"] == "failed"
 
 
+@pytest.mark.slow
 def test_a_sweep_on_a_disk_that_fills_up(in_shell, tmp_path):
     """Its second job fills the disk; the third cannot begin; the room of the second's status holds their table."""
     ended = in_shell("{omnilab} -m study.how=well,fill,SIGCONT", disk="2m")

@@ -356,6 +356,7 @@ def test_a_second_sweep_into_a_folder_runs_no_job(omnilab_here, tmp_path, monkey
     assert before == {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
 
 
+@pytest.mark.slow
 def test_a_sweep_into_a_folder_where_another_goes_on_is_told(omnilab_here, tmp_path, monkeypatch):
     (tmp_path / "ping.py").write_text(PING)
     monkeypatch.setenv("OMNILAB_PLUGINS", "ping.py")

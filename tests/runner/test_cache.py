@@ -281,6 +281,7 @@ def writer(folder):
     return process
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("end", ["both go on", "one is killed"])
 def test_two_processes_write_at_once(tmp_path, caplog, end):
     """Whatever they leave is whole, and right; a killed one leaves at most unfinished files."""

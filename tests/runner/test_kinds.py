@@ -54,6 +54,7 @@ defaults:
 """
 
 
+@pytest.mark.slow
 def test_a_new_kind_is_declared_in_one_place(tmp_path: Path) -> None:
     """One line more in the table, and it has a hook, a slot, a dictionary, a choice, and reaches the study."""
     source = tmp_path / "source/omnilab"

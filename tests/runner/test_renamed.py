@@ -118,6 +118,7 @@ def test_a_conformance_check_has_its_old_name_too() -> None:
 
 
 # ------------------------------------------------------------------------------------------------- plugins of before
+@pytest.mark.slow
 def test_a_plugin_of_before_runs_as_a_file(
     omnilab_here: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

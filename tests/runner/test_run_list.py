@@ -210,6 +210,7 @@ def test_logs_without_a_name_is_refused(omnilab_here, tmp_path, mode, value):
     assert not Path("/map").exists()
 
 
+@pytest.mark.slow
 def test_folders_of_any_depth_and_links_to_nowhere_hide_no_run(tmp_path, monkeypatch):
     logs = tmp_path / "logs"
     sound, torn = made(logs / "a"), made(logs / "b")

@@ -55,6 +55,7 @@ def test_what_is_missing_or_was_cut_off_is_run(work, resumed):
     assert "job 0:" not in result.stderr
 
 
+@pytest.mark.slow
 def test_failed_jobs_are_run_again_when_asked(work, resumed):
     assert work("study.how=well,fail").rc == 1
     assert resumed().rc == 1
@@ -72,6 +73,7 @@ def test_the_same_command_with_more_values_runs_those(work, omnilab_here):
     assert rows()[:2] == first
 
 
+@pytest.mark.slow
 def test_a_job_of_another_version_is_run_again(work, resumed):
     work("study.value=1,2")
     log = Path("s", JOBS)
@@ -87,6 +89,7 @@ def test_a_job_of_another_version_is_run_again(work, resumed):
     assert Path("s/attempts/1.1/metrics.csv").read_bytes() == Path("s/1/metrics.csv").read_bytes()
 
 
+@pytest.mark.slow
 def test_two_processes_do_not_resume_the_same_sweep(work, resumed):
     work("study.value=1")
     with RunLock.take(Path("s")):

@@ -24,7 +24,7 @@ from omnilab.errors import DataError
 HEAD = promises.HEAD
 RUN = Path(__file__).with_name("torture_run.py")
 SAMPLE = {  # each family's first cases, which share the scenarios `map`, `run` and `sweep`
-    "kill": 3, "instant": 2, "signal": 2, "full": 2, "cache": 1, "limit": 1, "pipe": 1, "disk": 2, "pids": 1, "together": 2,
+    "kill": 2, "instant": 1, "signal": 1, "full": 1, "cache": 1, "limit": 1, "pipe": 1, "disk": 1, "pids": 1, "together": 1,
     "identity": 1,
 }  # fmt: skip
 Survey = dict[str, list[tuple[str, str]]]

@@ -48,7 +48,7 @@ def test_keeps_the_contract(maker):
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(3, 30), st.floats(1e-6, 1e6))
-@settings(max_examples=25)
+@settings(max_examples=12)
 def test_smacof_keeps_the_distances_of_a_plane(seed, n, scale):
     points = scale * np.random.default_rng(seed).uniform(-1, 1, (2, n, 2))
     made = Smacof().embed(distances(points), np.random.default_rng(0))
@@ -58,7 +58,7 @@ def test_smacof_keeps_the_distances_of_a_plane(seed, n, scale):
 @pytest.mark.parametrize("constants", Constants)
 @pytest.mark.parametrize(("integrator", "step_s"), [(Integrator.verlet, 0.03), (Integrator.euler, 0.005)])
 def test_springs_keep_the_distances_of_a_plane_to_a_hundredth_of_their_mean(integrator, step_s, constants):
-    points = np.random.default_rng(5).uniform(-1, 1, (20, 10, 2))
+    points = np.random.default_rng(5).uniform(-1, 1, (6, 10, 2))
     exact = distances(points)
     maker = Spring(integrator=integrator, constants=constants, step_s=step_s, starts=16)
     made = maker.embed(exact, np.random.default_rng(0))

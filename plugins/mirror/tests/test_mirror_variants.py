@@ -180,6 +180,7 @@ def command(capsys, *argv):
     return end.value.code, capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_the_command_tells_what_is_in_a_world(capsys):
     code, out = command(capsys, "check", "room")
     assert code == 0

@@ -84,6 +84,7 @@ def killed(tmp_path_factory):
     return (folder / "run.rrd").read_bytes(), flushed
 
 
+@pytest.mark.slow
 def test_what_was_flushed_survives_sigkill_and_repair_completes_the_file(tmp_path, killed, read):
     data, flushed = killed
     (tmp_path / "run.rrd").write_bytes(data)
@@ -135,6 +136,7 @@ def test_a_folder_that_is_not_there_is_refused_at_once(tmp_path):
         RerunSink().open(tmp_path / "none")
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_reported_by_the_next_record_and_leaves_nothing_behind(tmp_path, read):
     """Not even a thread; the process ends at once, and what had room can be read."""
     call = [sys.executable, "-c", FILL_A_SMALL_DISK, str(tmp_path)]

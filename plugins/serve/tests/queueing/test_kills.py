@@ -105,19 +105,19 @@ def test_a_killed_service_comes_back_to_what_ran_and_waited(service: Service) ->
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_nothing_is_lost_or_run_twice_at_ten_random_kills(service: Service) -> None:
+def test_nothing_is_lost_or_run_twice_at_five_random_kills(service: Service) -> None:
     chance = random.Random(4)
     service.start()
-    for seed in range(6):
+    for seed in range(4):
         service.submit(f"seed={seed}")
-    for _ in range(10):
+    for _ in range(5):
         time.sleep(chance.uniform(0.0, 4.0))
         service.kill()
         service.start()
     until(lambda: service.states() == {DONE}, PATIENCE_S)
-    assert len(service.submissions()) == 6
-    assert [one["attempt"] for one in service.submissions()] == [1] * 6
-    assert seeds(service.folder / "logs") == list(range(6))
+    assert len(service.submissions()) == 4
+    assert [one["attempt"] for one in service.submissions()] == [1] * 4
+    assert seeds(service.folder / "logs") == list(range(4))
 
 
 @pytest.mark.slow
