@@ -93,6 +93,7 @@ def test_the_table_is_of_the_run_folders(fidelity, made, tmp_path):
     assert rows["order"][3] == "a 0.2 [-0.0484, 0.448] m (3 seeds); b 0.05 [0.04, 0.06] m (one run)"
     assert rows["order"][5] == "**other order**"
     assert rows["cell"][5] == "**reached**"
+    assert rows["mean"][3] == "`max(times.csv.ms)` 4 [4, 4] ms (3 seeds)"
     assert rows["mean"][5] == "**not reached**"
     assert rows["never"][5] == "**cannot be tested**"
     assert "| Chapter one | 5 | 1 | 1 | 1 | 1 | – | 1 |" in text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -134,7 +135,7 @@ def _runs(claims: ClaimSet, found: Found, left_out: Sequence[LeftOut], notes: Se
     rows = []
     for needed in claims.needed():
         runs = found.get(needed.name, ())
-        command = " ".join(["omnilab", *needed.words])
+        command = shlex.join(["omnilab", *needed.words])
         folders = ", ".join(f"`{run.folder.parent.name}/{run.folder.name}`" for run in runs)
         seeds = ", ".join(run.seed for run in runs)
         versions = ", ".join(dict.fromkeys(_version(run.folder) for run in runs))

@@ -20,6 +20,7 @@ STATISTICS: dict[str, Callable[[Sequence[float]], float]] = {
 }
 METRIC = re.compile(r"[^\s\[\]/]+")
 OVER = " / "
+UNITS = {"m", "s", "ms", "deg", "steps"}  # with which names of columns end
 
 
 @dataclass(frozen=True)
@@ -86,8 +87,11 @@ class Quantity:
         return None if self.over or self.term.table else run.intervals.get(self.term.name)
 
     def unit(self, run: ComparedRun) -> str:
-        """As metrics.csv has it; none of a quotient or a table's cell, whose column says it."""
-        unit = "" if self.over or self.term.table else run.units.get(self.term.name, "")
+        """As metrics.csv has it, or the end of a column's name; none of a quotient."""
+        if self.over:
+            return ""
+        last = self.term.name.rpartition("_")[2]
+        unit = (last if last in UNITS else "") if self.term.table else run.units.get(self.term.name, "")
         return "" if unit == "1" else unit
 
 
