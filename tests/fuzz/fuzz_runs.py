@@ -90,6 +90,9 @@ BASES = {
     "view_slam": Base((
         "experiment=view_slam", *SENSOR, "study.path=path.csv", "study.show=2",
     ), ("odometry", "view_filters", "study"), {"view_filters": ("view_ekf",)}),
+    "matching": Base((
+        "experiment=matching", *SENSOR, "study.distances_m=[0.5]", "study.pairs=2", "study.images=60", "~odometries.tiles",
+    ), ("odometries", "study"), {"odometries": ("panorama",)}),
     "graph": Base(
         ("experiment=pose_graph", "study.walk.count=12", "study.walk.side=3"), ("backend", "backends", "study"), {"backends": ()},
     ),

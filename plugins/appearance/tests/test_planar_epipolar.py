@@ -26,6 +26,7 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import wrap_angle
 from omnilab.testing import check_odometry
 from omnilab_appearance import PlanarEpipolar
+from omnilab_appearance.common.feature_surfaces import FeatureSurface, surface_features
 from omnilab_appearance.common.ground_scale import ground_step
 from omnilab_appearance.common.local_features import Detector
 from omnilab_appearance.common.relative_pose import Solver, decompose, essential, pose_of, relative_pose, sampson_errors
@@ -229,11 +230,17 @@ CAMERAS = {
 }
 
 
-@pytest.mark.parametrize("name", CAMERAS)
-def test_every_camera_model_estimates_the_motion(name):
+@pytest.mark.parametrize(("name", "surface"), [
+    *((name, FeatureSurface.panorama) for name in CAMERAS),
+    *((name, surface) for name in ("hyperbolic", "equirectangular") for surface in (FeatureSurface.image, FeatureSurface.tiles)),
+])  # fmt: skip
+def test_every_camera_model_estimates_the_motion(name, surface):
     camera = CAMERAS[name]
     at = [(0.3, -0.2, 0.5), (0.3 + 0.2 * np.cos(1.7), -0.2 + 0.2 * np.sin(1.7), 0.8)]
-    features = PlanarEpipolar().extract(frames([seen_from(*pose, camera) for pose in at], camera))
+    features = PlanarEpipolar(surface=surface).extract(frames([seen_from(*pose, camera) for pose in at], camera))
+    for each in features:  # where the panorama has them, too
+        pixels = camera.unwrap(*np.moveaxis(each.azimuth_level.astype(float), -1, 0))
+        np.testing.assert_allclose(camera.directions(pixels), each.directions, atol=1e-4)
     motion = relative_pose(*features, np.random.default_rng(0))
     assert motion.failed == ""
     assert abs(wrap_angle(motion.phi - 0.3)) < np.deg2rad(0.3)
@@ -298,6 +305,18 @@ def test_sharper_panoramas_show_more_of_a_sharp_camera():
     for rows in (31, 8192, 0):
         with pytest.raises(ConfigError, match=f"panorama_rows={rows} is out of range"):
             PlanarEpipolar(panorama_rows=rows)
+
+
+def test_surfaces_that_cannot_be():
+    circle = ImageCircle(64, 64, Circle(31.5, 31.5, 30))
+    with pytest.raises(DataError, match="surface=tiles needs a camera model, and a ImageCircle is none; give panorama"):
+        surface_features(frames([np.zeros((64, 64), np.uint8)], circle), FeatureSurface.tiles, Detector.sift, 400, 12)
+    with pytest.raises(ConfigError, match="panorama_rows=200 is no size of surface=image; leave one out"):
+        PlanarEpipolar(panorama_rows=200, surface=FeatureSurface.image)
+    black, flat = (np.full((480, 480), level, np.uint8) for level in (0, 90))
+    for surface in (FeatureSurface.image, FeatureSurface.tiles):
+        reasons = [found.reason for found in PlanarEpipolar(surface=surface).extract(frames([black, flat], MIRROR))]
+        assert reasons == ["black", "flat: one grey level"]
 
 
 def test_features_that_no_memory_holds_are_refused(monkeypatch):

@@ -23,6 +23,7 @@ from omnilab_studies.localization.large_map.study import LargeMap
 from omnilab_studies.localization.localize.study import Localize
 from omnilab_studies.localization.map.study import MapStudy
 from omnilab_studies.localization.steps.study import Steps
+from omnilab_studies.matching.study import Matching
 from omnilab_studies.pose_graph.study import PoseGraphStudy
 from omnilab_studies.trajectory.study import TrajectoryStudy
 from omnilab_studies.view_slam.study import ViewSlam
@@ -40,6 +41,7 @@ __all__ = [
     "LocalMap",
     "Localize",
     "MapStudy",
+    "Matching",
     "ParameterCurves",
     "PoseGraphStudy",
     "Render",
@@ -83,6 +85,7 @@ def register_studies(register: Register) -> None:
     register("view_range", ViewRange)
     register("view_count", ViewCount)
     register("view_slam", ViewSlam)
+    register("matching", Matching)
 
 
 def __getattr__(name: str) -> Any:

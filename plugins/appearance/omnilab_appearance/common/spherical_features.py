@@ -41,18 +41,22 @@ def spherical_features(
     shape = panorama_shape(camera) if rows is None else (rows, COLUMNS_PER_ROW * rows)  # type: ignore[arg-type]  # cameras are frozen dataclasses
     valid = _valid_pixels(camera, shape, detector)  # type: ignore[arg-type]
     panoramas = panorama(to_gray(frames.images), camera, shape)
-    detect = _surf if detector is Detector.surf else _upright_sift if upright else _sift
+    detect = detector_of(detector, upright)
     return [_detect(image, camera, valid, detect, count, least) for image in panoramas]
+
+
+def detector_of(detector: Detector, upright: bool = False) -> Detect:
+    """What finds a few more than the strongest `count` features of a picture (H, W) within a mask: pixels and vectors."""
+    if detector is Detector.surf:
+        return _surf
+    return _upright_sift if upright else _sift
 
 
 def _detect(
     image: Bytes, camera: Camera, valid: Bools, detect: Detect, count: int, least: int
 ) -> ImageFeatures | Unusable:
-    values = image[valid]
-    if values.size == 0 or values.max() <= DARK:
-        return Unusable("black")
-    if values.std() < FLAT:
-        return Unusable("flat: one grey level")
+    if reason := unusable(image[valid]):
+        return Unusable(reason)
     seam = round(SEAM * image.shape[1])
     wide = np.concatenate([image[:, -seam:], image, image[:, :seam]], axis=1)
     mask = np.concatenate([valid[:, -seam:], valid, valid[:, :seam]], axis=1)
@@ -66,6 +70,13 @@ def _detect(
         return Unusable(f"{len(kept)} features")
     calibrated = directions[kept].astype(np.float32) if isinstance(camera, CalibratedCamera) else None
     return ImageFeatures(calibrated, azimuth_level[kept].astype(np.float32), vectors[kept])
+
+
+def unusable(values: Bytes) -> str:
+    """Why no feature can be made out among grey levels (K,); "" if that may be."""
+    if values.size == 0 or values.max() <= DARK:
+        return "black"
+    return "flat: one grey level" if values.std() < FLAT else ""
 
 
 def _azimuth_level(uv: Floats, shape: tuple[int, ...]) -> Floats:

@@ -21,6 +21,7 @@ from omnilab.api import (
 )
 from omnilab.errors import ConfigError
 from omnilab.image import view_of
+from omnilab_appearance.common.feature_surfaces import FeatureSurface, surface_features
 from omnilab_appearance.common.ground_scale import GroundStep, ground_step
 from omnilab_appearance.common.local_features import Detector
 from omnilab_appearance.common.relative_pose import CORRELATED, RelativePose, Solver, pose_of
@@ -68,6 +69,9 @@ class PlanarEpipolar:
 
     detector: Detector = Detector.sift  # or surf, less precise
     features: int = setting(400, at_least=1, at_most=10_000)  # at most so many of each image
+    surface: FeatureSurface = (
+        FeatureSurface.panorama
+    )  # on which they are found; or image, the camera's own, or tiles of the sphere
     panorama_rows: int | None = setting(
         None, at_least=32, at_most=MOST_ROWS
     )  # of the panorama that they are found on, 4 columns each; not given: the camera's own resolution
@@ -86,13 +90,19 @@ class PlanarEpipolar:
             raise ConfigError(
                 f"upright=true is for detector=sift, not {self.detector.value}; give upright=false, or sift"
             )
+        if self.panorama_rows is not None and self.surface is not FeatureSurface.panorama:
+            raise ConfigError(
+                f"panorama_rows={self.panorama_rows} is no size of surface={self.surface.value}; leave one out"
+            )
+        if self.upright and self.surface is not FeatureSurface.panorama:
+            raise ConfigError(
+                f"upright=true is for surface=panorama, not {self.surface.value}; give upright=false, or panorama"
+            )
 
     def extract(self, frames: Frames) -> Sequence[ImageFeatures | Unusable]:
         """Features of each image on the unit sphere; DataError for an uncalibrated camera."""
         check_calibrated(frames.camera, "odometry=appearance")
-        found = spherical_features(
-            frames, self.detector, self.features, self.least_matches, self.panorama_rows, self.upright
-        )
+        found = self._features(frames)
         if self.length is not Length.poc:
             return found
         transforms = Radon().describe(view_of(frames.images, frames.camera, "mirror", False)).place
@@ -100,6 +110,13 @@ class PlanarEpipolar:
             f if isinstance(f, Unusable) else RadonFeatures(f.directions, f.azimuth_level, f.vectors, transform)
             for f, transform in zip(found, transforms, strict=True)
         ]
+
+    def _features(self, frames: Frames) -> list[ImageFeatures | Unusable]:
+        if self.surface is FeatureSurface.panorama:
+            return spherical_features(
+                frames, self.detector, self.features, self.least_matches, self.panorama_rows, self.upright
+            )
+        return surface_features(frames, self.surface, self.detector, self.features, self.least_matches)
 
     def estimate(self, before: ImageFeatures, now: ImageFeatures, rng: np.random.Generator) -> Motion:
         """The motion between two images of one camera, from their features."""

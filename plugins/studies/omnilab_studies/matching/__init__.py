@@ -1,0 +1,1 @@
+"""The study `matching`: how well odometries match images at given distances."""
