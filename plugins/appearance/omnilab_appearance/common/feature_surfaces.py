@@ -56,17 +56,13 @@ def surface_features(
             f"surface={surface.value} needs a camera model, and a {type(camera).__name__} is none; give panorama"
         )
     projection = _image_projection(camera) if surface is FeatureSurface.image else _tile_projection(camera)
-    found = []
-    for image in to_gray(frames.images):
-        picture = (
-            image
-            if projection.maps is None
-            else cv2.remap(image, *projection.maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        )
-        found.append(
-            _detect(picture.astype(np.uint8, copy=False), projection, camera, detector_of(detector), count, least)
-        )
-    return found
+    pictures = to_gray(frames.images)
+    if projection.maps is not None:
+        u, v = projection.maps
+        remapped = [cv2.remap(each, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for each in pictures]
+        pictures = np.stack(remapped).astype(np.uint8, copy=False)
+    find = detector_of(detector)
+    return [_detect(picture, projection, camera, find, count, least) for picture in pictures]
 
 
 def _detect(
