@@ -28,8 +28,7 @@ def matching(rows: Sequence[Mapping[str, Any]]) -> Figure:
         axes.set(xlabel="distance of the images [m]", ylabel=unit, title=title)
         plain_axes(axes)
     count.set_ylim(0, None)
-    if any(row["direction_error_median_deg"] > 0 for row in rows):  # else nothing can be drawn on such a scale
-        error.set_yscale("log")
+    error.set_ylim(0, None)
     count.legend(frameon=False)
     _draw_times(cost, rows, names)
     return figure
