@@ -1,4 +1,4 @@
-"""The command `omnilab world`: lists the shipped worlds, summarises a file and lists its errors and warnings."""
+"""The command `omnilab world`: lists the shipped worlds, summarises a file with its errors and warnings, draws its plan."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ import logging
 import sys
 from collections import Counter
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from omnilab.errors import visible
+from omnilab.atomic_files import write_whole
+from omnilab.errors import ConfigError, visible
 
 if TYPE_CHECKING:
     from omnilab_mirror.scene.world import World
@@ -31,8 +33,23 @@ def world_command(argv: list[str]) -> int:
     check.add_argument("--variant", help="one of its variants; without it, the world as it is and all its variants")
     check.add_argument("--up", choices=("y", "z"), help="of a mesh file: its axis that points up, as sensor.up")
     check.add_argument("--scale", type=float, default=1.0, help="of a mesh file: metres a unit of it, as sensor.scale")
+    plan = actions.add_parser("plan", help="a world from above, with its dimensions, as a PNG")
+    plan.add_argument("world", metavar="FILE", help="a YAML or mesh file, or the name of a shipped world")
+    plan.add_argument("picture", metavar="PICTURE", type=Path, help="the PNG to write")
+    plan.add_argument("--variant", help="one of its variants")
+    plan.add_argument("--up", choices=("y", "z"), help="of a mesh file: its axis that points up, as sensor.up")
+    plan.add_argument("--scale", type=float, default=1.0, help="of a mesh file: metres a unit of it, as sensor.scale")
+    plan.add_argument(
+        "--step", type=float, metavar="M", help="also the free places of a grid with this step, in metres"
+    )
+    plan.add_argument("--height", type=float, metavar="M", default=HEIGHT_M, help="of the camera at these places")
+    plan.add_argument("--pixels", type=float, metavar="N", help="a metre; by default 1000 on the longer side")
     chosen = parser.parse_args(argv)
-    return _list() if chosen.action == "list" else _check(chosen.world, chosen.variant, chosen.up, chosen.scale)
+    if chosen.action == "list":
+        return _list()
+    if chosen.action == "plan":
+        return _plan(chosen)
+    return _check(chosen.world, chosen.variant, chosen.up, chosen.scale)
 
 
 def _list() -> int:
@@ -41,6 +58,39 @@ def _list() -> int:
     for name, file in shipped().items():
         _say(f"{name}: {', '.join(load_world(name).variants) or 'no variants'}  ({file})")
     return 0
+
+
+def _plan(chosen: argparse.Namespace) -> int:
+    from omnilab.image import encode
+    from omnilab_mirror.plan import plan_of
+    from omnilab_mirror.scene.load import load_world
+
+    picture: Path = chosen.picture
+    if picture.suffix.lower() != ".png":
+        raise ConfigError(f"{picture} is no name of a PNG; give one that ends in .png")
+    if chosen.pixels is not None and not chosen.pixels > 0:
+        raise ConfigError(f"--pixels {chosen.pixels:g} is out of range; give a number above 0, such as 100")
+    world = load_world(chosen.world, chosen.variant, chosen.up, chosen.scale)
+    if chosen.step is not None:
+        _check_step(chosen.step, world)
+    drawn = plan_of(world, chosen.pixels, chosen.step, chosen.height)
+    try:
+        write_whole(picture, lambda file: file.write(encode(drawn, "png")))
+    except OSError as error:
+        raise ConfigError(
+            f"{picture} cannot be written ({error.strerror}); give a file in a folder that is there"
+        ) from error
+    _say(f"{picture}: {drawn.shape[1]} x {drawn.shape[0]} pixels")
+    return 0
+
+
+def _check_step(step_m: float, world: World) -> None:
+    """ConfigError for a grid that nobody could see the places of."""
+    if not (step_m > 0 and np.prod([side / step_m + 1 for side in world.map_m]) <= MAX_NODES):
+        raise ConfigError(
+            f"--step {step_m:g} makes no grid of 1 to {MAX_NODES} places on a map of {world.map_m[0]:g} x"
+            f" {world.map_m[1]:g} m; give a step such as 0.2"
+        )
 
 
 def _check(name: str, variant: str | None, up: str | None, scale: float) -> int:
