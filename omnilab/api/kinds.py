@@ -240,9 +240,9 @@ class IncrementalBackend(Protocol):
 class ViewMap(Protocol):
     """A robot's pose and those of the views it has taken, as they become known. Poses are planar: x, y, heading.
 
-    Views are numbered as they come, from 0. A view is observed by two angles: its bearing in the robot's frame,
-    atan2(y_i - y, x_i - x) - heading, and its relative orientation, heading_i - heading. What goes wrong comes
-    back as warnings, in sentences, and costs no more than the step or the observation it is about.
+    Views are numbered as they come, from 0. Two angles show one: its bearing, atan2(y_i - y, x_i - x) - heading, and its
+    relative orientation, heading_i - heading. A filter that declares `observes = "landmarks"` has points instead, x, y, z
+    over the camera, by azimuth and elevation. What goes wrong is a warning, and costs no more than what it is about.
     """
 
     def predict(self, motion: Floats, covariance: Floats) -> Sequence[str]:

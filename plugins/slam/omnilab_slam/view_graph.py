@@ -65,6 +65,11 @@ class GraphMap:
         self._tree = self._empty_tree()
         self._add_prior(0, pose, covariance)
 
+    @property
+    def variables(self) -> int:
+        """How many variables are estimated: the poses of all steps, and of views from before."""
+        return 3 * (self._step + 1 + sum(node >= KNOWN for node in self._views))
+
     def predict(self, motion: Floats, covariance: Floats) -> list[str]:
         """See `omnilab.api.ViewMap`."""
         warnings = check_motion(motion, covariance, self._step + 1)

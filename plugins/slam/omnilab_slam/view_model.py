@@ -42,14 +42,17 @@ class PredictedAngles(NamedTuple):
         return PredictedAngles(*(each[which] for each in self))
 
 
-def predict_angles(robot: Floats, views: Floats) -> PredictedAngles:
-    """Bearings and relative orientations of views (K, 3) from a robot (3,), in the world's frame (Gil et al., 2012, eq. 12)."""
-    dx, dy = (views[:, :2] - robot[:2]).T
-    squared = np.maximum(dx * dx + dy * dy, 1e-12)  # where it stands on a view, which is then left out
+def predict_angles(robot: Floats, views: Floats, nearest_m: float = 1e-6) -> PredictedAngles:
+    """Bearings and relative orientations of views (K, 3) from a robot (3,), in the world's frame (Gil et al., 2012, eq. 12).
+
+    Or from a robot (K, 3) for each. Nearer than `nearest_m` Jacobians are those of a view at that distance.
+    """
+    dx, dy = (views[:, :2] - robot[..., :2]).T
+    squared = np.maximum(dx * dx + dy * dy, nearest_m**2)  # where it stands on a view, which is then left out
     J_view, J_robot = np.zeros((2, len(views), 2, 3))
     J_view[:, 0, 0], J_view[:, 0, 1], J_view[:, 1, 2] = -dy / squared, dx / squared, 1
     J_robot[:, 0, :2], J_robot[:, :, 2] = -J_view[:, 0, :2], -1
-    angles = np.column_stack([np.arctan2(dy, dx), views[:, 2]]) - robot[2]
+    angles = np.column_stack([np.arctan2(dy, dx), views[:, 2]]) - robot[..., 2, None]
     return PredictedAngles(angles, J_robot, J_view, np.sqrt(squared))
 
 

@@ -275,7 +275,7 @@ def test_files_and_tables_hold_every_trajectory():
     assert {f"{name}.tum" for name in ("odometry", "truth", "belief", "belief_final")} == set(report.files)
     assert all(len(text.splitlines()) == count for text in report.files.values())
     assert report.tables["filters"]["filter"] == ["belief"]
-    assert set(report.figures) == {"belief"}
+    assert set(report.figures) == {"belief", "cost"}
 
 
 @pytest.mark.parametrize(

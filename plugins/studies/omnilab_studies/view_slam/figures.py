@@ -14,6 +14,7 @@ from omnilab_studies.view_slam.consistency import ellipses
 from omnilab_studies.view_slam.display import error_bands
 from omnilab_studies.view_slam.drives import Drive
 from omnilab_studies.view_slam.filter_runs import FilterEstimate
+from omnilab_studies.view_slam.front_end import FilterClock
 from omnilab_studies.view_slam.scenarios import Scenario
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ def maps(
 ) -> dict[str, Figure]:
     """For each filter: the trajectories (T, 3) from above among walls (W, 2, 2), and the errors (figures 8 to 10)."""
     return {
-        name: _map_and_errors(truth, odometry, walls_m, one, name, f"{len(one.views)} views")
+        name: _map_and_errors(truth, odometry, walls_m, one, name, f"{len(one.views)} {one.observes}")
         for name, one in estimates.items()
     }
 
@@ -137,7 +138,7 @@ def _map_and_errors(
     above.plot(*odometry[:, :2].T, "--", color=ODOMETRY, linewidth=1, label="odometry")
     above.plot(*truth[:, :2].T, color="#b9c2cf", linewidth=3, label="truth")
     above.plot(*estimate.poses[:, :2].T, color=ESTIMATE, linewidth=1, label=name)
-    draw_views(above, estimate.views, estimate.view_covariances)
+    draw_views(above, estimate)
     _as_map(above, title)
     left.legend(*above.get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False, fontsize=8)
     panels = right.subplots(3, 1, sharex=True)
@@ -163,12 +164,19 @@ def _as_map(axes: Axes, title: str) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def draw_views(axes: Axes, views: Floats, covariances: Floats) -> None:
-    """Views (N, 3) as dots with the ellipses of their covariances (N, 3, 3), magnified by what the legend says."""
-    factor = magnification(covariances, max(axes.dataLim.width, axes.dataLim.height))
-    label = "views, 2σ" if factor == 1 else f"views, 2σ times {factor:g}"
+def draw_views(axes: Axes, estimate: FilterEstimate) -> None:
+    """Views or landmarks as dots with the ellipses of their covariances, magnified by what the legend says.
+
+    The map stays as large as it is, and ellipses that are longer have none drawn: a landmark may be anywhere on its ray.
+    """
+    views, covariances = estimate.views, estimate.view_covariances
+    extent = max(axes.dataLim.width, axes.dataLim.height)
+    factor = magnification(covariances, extent)
+    label = f"{estimate.observes}, 2σ" if factor == 1 else f"{estimate.observes}, 2σ times {factor:g}"
+    axes.set(xlim=axes.get_xlim(), ylim=axes.get_ylim())
     axes.plot(*views[:, :2].T, "o", color=VIEW, markersize=2.5, label=label)
-    for outline in ellipses(views[:, :2], covariances[:, :2, :2], 2.0 * factor):
+    short = 4 * factor * np.sqrt(np.linalg.eigvalsh(covariances[:, :2, :2])[:, 1]) < extent
+    for outline in ellipses(views[short, :2], covariances[short, :2, :2], 2.0 * factor):
         axes.fill(*outline.T, facecolor=VIEW, alpha=0.18, edgecolor=VIEW, linewidth=0.8)
 
 
@@ -195,6 +203,25 @@ def draw_errors(panels: Any, error: Floats, sigma: Floats, name: str) -> None:
     panels[-1].set_xlabel("step")
 
 
+def cost(clocks: Mapping[str, FilterClock]) -> Figure:
+    """The variables that filters estimate, and the time that they take, image by image."""
+    figure = blank(11.0, 4.0)
+    state, taken = figure.subplots(1, 2)
+    for name, style in style_of(list(clocks)).items():
+        clock, plain = clocks[name], {"color": style["color"], "label": name}
+        if clock.variables:
+            state.plot(clock.variables, **plain)
+        ms = 1e3 * np.array(clock.seconds)
+        width = max(1, len(ms) // 50)
+        starts = np.arange(0, len(ms), width)
+        taken.plot(starts + width / 2, [np.median(ms[start : start + width]) for start in starts], **plain)
+    state.set(xlabel="image", ylabel="variables", title="Variables that are estimated", yscale="log")
+    taken.set(xlabel="image", ylabel="processor time of the filter [ms]", title="Time, without features", yscale="log")
+    for axes in figure.axes:
+        _finish(axes)
+    return figure
+
+
 def _errors(axes: Axes, rows: Rows, key: str, names: Sequence[str]) -> None:
     """Mean error and band of each filter, and of odometry on as many drives as the first filter's."""
     for name, style in style_of(list(names)).items():
@@ -215,5 +242,6 @@ def _band(axes: Axes, rows: Rows, key: str, mean: str, sigma: str, style: dict[s
 
 def _finish(axes: Axes) -> None:
     axes.grid(alpha=0.25)
-    axes.legend(fontsize=8, frameon=False)
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend(fontsize=8, frameon=False)
     axes.spines[["top", "right"]].set_visible(False)

@@ -13,6 +13,7 @@ from omnilab.metrics import bootstrap
 from omnilab_studies.view_slam.consistency import nees_bounds
 from omnilab_studies.view_slam.drives import Drive
 from omnilab_studies.view_slam.filter_runs import FilterTrace, position_rms, run_filter, trace_nees
+from omnilab_studies.view_slam.landmark_front_end import observes_landmarks
 
 MAX_LINES = 10  # of the filters' warnings, in the log
 
@@ -43,6 +44,18 @@ def filters_of(parts: Parts) -> dict[str, ViewFilter]:
         )
     if "odometry" in filters:
         raise ConfigError("view_filters.odometry has the name of what filters are compared with; give it another")
+    return filters
+
+
+def simulated_filters_of(parts: Parts) -> dict[str, ViewFilter]:
+    """Those of `filters_of`; ConfigError for one that observes landmarks, of which simulated drives have none."""
+    filters = filters_of(parts)
+    for name, view_filter in filters.items():
+        if observes_landmarks(view_filter):
+            raise ConfigError(
+                f"view_filters.{name} observes landmarks, and these drives have views alone; leave it out, or give"
+                " experiment=view_slam, which has images"
+            )
     return filters
 
 

@@ -32,12 +32,13 @@ class FilterTrace(NamedTuple):
 
 
 class FilterEstimate(NamedTuple):
-    """A filter's estimate of a trajectory of T poses and a map of N views."""
+    """A filter's estimate of a trajectory of T poses and a map of N views, or landmarks."""
 
     poses: Floats  # (T, 3) online
     covariances: Floats  # (T, 3, 3)
     views: Floats  # (N, 3) at the end
     view_covariances: Floats  # (N, 3, 3)
+    observes: str = "views"  # or landmarks
 
 
 def run_filter(view_filter: ViewFilter, drive: Drive, range_m: float, watch: Watch | None = None) -> FilterTrace:

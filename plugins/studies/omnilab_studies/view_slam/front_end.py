@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnilab.api import Bools, Floats, Ints, Motion, Unusable, ViewFilter, check_settings, setting
+from omnilab.api import Bools, Floats, Ints, Motion, Unusable, ViewFilter, ViewMap, check_settings, setting
 from omnilab.errors import ConfigError
 
 START_VARIANCE = 1e-6  # m², rad²: the first pose is known
@@ -52,6 +53,34 @@ class ViewAssociation(NamedTuple):
     warnings: list[str]
 
 
+class FilterClock:
+    """Processor time of a filter for each image, and how many variables it estimates after it.
+
+    Of its own thread, so that other processes do not count; threads of a numeric library do not, either.
+    """
+
+    def __init__(self, view_map: ViewMap) -> None:
+        self.seconds: list[float] = []
+        self.variables: list[int] = []  # none of a map that does not say
+        self._map = view_map
+
+    def begin_image(self) -> None:
+        """What follows is about the next image."""
+        self.seconds.append(0.0)
+
+    def run(self, method: Callable[..., Any], *arguments: Any) -> Any:
+        """A call of the map's, timed."""
+        start = time.thread_time()
+        found = method(*arguments)
+        self.seconds[-1] += time.thread_time() - start
+        return found
+
+    def end_image(self) -> None:
+        """The image is mapped."""
+        if (count := getattr(self._map, "variables", None)) is not None:
+            self.variables.append(int(count))
+
+
 class ViewMapper:
     """One filter along the trajectory: its map, and which image each of its views is."""
 
@@ -61,6 +90,7 @@ class ViewMapper:
         self.map = view_filter.begin(first_pose, START_VARIANCE * np.eye(3))
         self.images: list[int] = []  # of each view
         self.poses = [self.map.pose()]
+        self.clock = FilterClock(self.map)
         self._settings, self._relative_pose = settings, relative_pose
 
     def know_view(self, image: int, pose: Floats, covariance: Floats) -> None:
@@ -70,21 +100,25 @@ class ViewMapper:
 
     def process(self, image: int, features: Any, motion: Floats | None, covariance: Floats | None) -> ViewAssociation:
         """One more image, after the motion (3,) of odometry with its covariance (3, 3); neither at the first."""
-        warnings = [] if motion is None or covariance is None else list(self.map.predict(motion, covariance))
+        self.clock.begin_image()
+        warnings, timed = list[str](), self.clock.run
+        if motion is not None:
+            warnings += timed(self.map.predict, motion, covariance)
         distance_m = np.linalg.norm(self.map.views()[:, :2] - self.map.pose()[0][:2], axis=1)
         candidates = {} if isinstance(features, Unusable) else self._match_candidates(image, distance_m)
         views, angles, covariances = self._observations(candidates, distance_m)
         believed = np.zeros(0, bool)
         if len(views):
-            believed, more = self.map.observe(views, angles, covariances)
+            believed, more = timed(self.map.observe, views, angles, covariances)
             warnings += more
         new = None
         similarities = [similarity(relative) for relative in candidates.values()]
         if not isinstance(features, Unusable) and max(similarities, default=0.0) < self._settings.similarity:
-            new = self.map.add_view()
+            new = timed(self.map.add_view)
             self.images.append(image)
         if motion is not None:
-            self.poses.append(self.map.pose())
+            self.poses.append(timed(self.map.pose))
+        self.clock.end_image()
         return ViewAssociation(views, angles, believed, candidates, new, warnings)
 
     def _match_candidates(self, image: int, distance_m: Floats) -> dict[int, Motion]:

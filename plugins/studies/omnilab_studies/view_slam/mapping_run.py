@@ -14,6 +14,7 @@ from omnilab_studies.common.match_images import draw_image_pair
 from omnilab_studies.view_slam.display import ODOMETRY, Bearings, line, show_step
 from omnilab_studies.view_slam.filter_comparison import LogLimiter
 from omnilab_studies.view_slam.front_end import AssociationSettings, ViewAssociation, ViewMapper, inlier_count
+from omnilab_studies.view_slam.landmark_front_end import LandmarkMapper, LandmarkSettings, observes_landmarks
 from omnilab_studies.view_slam.saved_views import ViewWriter, known_views
 
 VIEWS = "views"  # the odometry that estimates the relative pose of two images
@@ -29,9 +30,11 @@ class ViewMappingRun:
 
     def __init__(
         self, parts: Parts, filters: Mapping[str, ViewFilter], association: AssociationSettings,
-        known_covariance: Floats, seed: int, record: Recorder, shown: set[int], writer: ViewWriter | None,
+        landmarks: LandmarkSettings, known_covariance: Floats, seed: int, record: Recorder, shown: set[int],
+        writer: ViewWriter | None,
     ) -> None:  # fmt: skip
-        self._parts, self._filters, self._association, self._record = parts, filters, association, record
+        self._parts, self._filters, self._record = parts, filters, record
+        self._association, self._landmarks = association, landmarks
         self._known_covariance, self._seed, self._shown, self._writer = known_covariance, seed, shown, writer
         self._rng = np.random.default_rng(seed)  # of odometry
         self._odometry_features: Any = None  # of the last image
@@ -39,7 +42,7 @@ class ViewMappingRun:
         self._relative_poses: dict[tuple[int, int], Motion] = {}  # of the present image, for all filters
         self._panoramas: dict[int, Bytes] = {}  # of the views of the first filter, which is shown
         self._limiter = LogLimiter(record)
-        self.mappers: dict[str, ViewMapper] = {}
+        self.mappers: dict[str, ViewMapper | LandmarkMapper] = {}
         self.associations: dict[str, list[ViewAssociation]] = {name: [] for name in filters}
         self.odometry: list[Floats] = []
         self.truth: list[Floats] = []
@@ -75,12 +78,15 @@ class ViewMappingRun:
         """Maps of nothing but views from before."""
         start = self.truth[0]
         self.odometry.append(start)
-        self.mappers = {
-            name: ViewMapper(view_filter, self._association, self._relative_pose, start)
-            for name, view_filter in self._filters.items()
-        }
+        self.mappers = {name: self._mapper(view_filter, start) for name, view_filter in self._filters.items()}
         for frame in known_views(self._parts, first.camera, self._record):
             self._add_known_view(frame)
+
+    def _mapper(self, view_filter: ViewFilter, start: Floats) -> ViewMapper | LandmarkMapper:
+        """The front end of a filter, of what it observes."""
+        if observes_landmarks(view_filter):
+            return LandmarkMapper(view_filter, self._landmarks, start)
+        return ViewMapper(view_filter, self._association, self._relative_pose, start)
 
     def _add_known_view(self, frame: Frames) -> None:
         """A view from before, a batch of one, into every filter's map."""
@@ -92,7 +98,7 @@ class ViewMappingRun:
         self.known += 1
         self._features[-self.known] = features
         self._panoramas[-self.known] = panorama(frame.images, frame.camera)[0]
-        for mapper in self.mappers.values():
+        for mapper in self._view_mappers():
             mapper.know_view(-self.known, vectors(frame.T_world_camera, planar=True)[0], self._known_covariance)
         if self._writer:
             self._writer.add(frame, self._record)
@@ -137,8 +143,12 @@ class ViewMappingRun:
             self._panoramas[image] = panorama(frame.images, frame.camera)[0]
             if self._writer:
                 self._writer.add(frame, self._record)
-        if not any(mapper.images and mapper.images[-1] == image for mapper in self.mappers.values()):
+        if not any(mapper.images and mapper.images[-1] == image for mapper in self._view_mappers()):
             del self._features[image]
+
+    def _view_mappers(self) -> list[ViewMapper]:
+        """The front ends that observe views."""
+        return [mapper for mapper in self.mappers.values() if isinstance(mapper, ViewMapper)]
 
     def _show(self, frame: Frames, image: int) -> None:
         """The first filter's map into the logs, and the image above the view with most inliers."""

@@ -16,7 +16,8 @@ from omnilab_studies.view_slam import figures
 from omnilab_studies.view_slam.consistency import errors, nees, nees_bounds
 from omnilab_studies.view_slam.display import show_errors
 from omnilab_studies.view_slam.filter_runs import FilterEstimate, position_rms
-from omnilab_studies.view_slam.front_end import ViewAssociation
+from omnilab_studies.view_slam.front_end import FilterClock, ViewAssociation
+from omnilab_studies.view_slam.landmark_front_end import LANDMARKS, LandmarkMapper
 from omnilab_studies.view_slam.mapping_run import ViewMappingRun
 
 UNITS = {
@@ -44,11 +45,14 @@ def report(run: ViewMappingRun, walls_m: Floats, record: Recorder) -> Report:
     for name, result in filters.items():
         poses |= {name: result.estimate.poses, f"{name}_final": result.final_poses}
     metrics = _metrics(run, rows, truth, odometry)
-    stamps_ns = np.array(run.stamps_ns)
+    stamps_ns, clocks = np.array(run.stamps_ns), {name: mapper.clock for name, mapper in run.mappers.items()}
     return Report(
         metrics,
-        tables={"filters": columns_of(rows), "steps": _step_table(run, poses)},
-        figures=figures.maps(truth, odometry, walls_m, {name: result.estimate for name, result in filters.items()}),
+        tables={"filters": columns_of(rows), "steps": _step_table(run, poses), "times": columns_of(time_rows(clocks))},
+        figures={
+            **figures.maps(truth, odometry, walls_m, {name: result.estimate for name, result in filters.items()}),
+            "cost": figures.cost(clocks),
+        },
         files={f"{name}.tum": tum_text(matrices(p), stamps_ns) for name, p in poses.items()},
         summary=markdown_table(metrics, "Maps of views"),
     )
@@ -59,9 +63,10 @@ def _filter_result(run: ViewMappingRun, name: str, truth: Floats) -> FilterResul
     mapper = run.mappers[name]
     poses, covariances = (np.array(each) for each in zip(*mapper.poses, strict=True))
     final = mapper.map.finish()
-    estimate = FilterEstimate(poses, covariances, mapper.map.views(), mapper.map.view_covariances())
-    own_views = len(mapper.images) - run.known
-    return FilterResult(estimate, final, _row(name, estimate, final, truth, run.associations[name], own_views))
+    what = LANDMARKS if isinstance(mapper, LandmarkMapper) else "views"
+    estimate = FilterEstimate(poses, covariances, mapper.map.views(), mapper.map.view_covariances(), what)
+    row = _row(name, estimate, final, truth, run.associations[name], len(mapper.images) - run.known)
+    return FilterResult(estimate, final, row)
 
 
 def _row(
@@ -92,12 +97,39 @@ def _metrics(run: ViewMappingRun, rows: Sequence[Mapping[str, Any]], truth: Floa
     """The rows of all filters, and what they have in common, as metrics."""
     return [
         *(Metric(f"{row['filter']}_{key}", row[key], unit) for key, unit in UNITS.items() for row in rows),
+        *(
+            Metric(f"{name}_variables", mapper.clock.variables[-1], "1")
+            for name, mapper in run.mappers.items()
+            if mapper.clock.variables
+        ),
         Metric("odometry_rms", position_rms(odometry, truth), "m"),
         Metric("images", len(truth), "1"),
         Metric("path_length", float(path_length(matrices(truth))[-1]), "m"),
         Metric("lost_steps", run.failed_steps, "1"),
         *([Metric("known_views", run.known, "1")] if run.known else []),
     ]
+
+
+def time_rows(clocks: Mapping[str, FilterClock]) -> list[dict[str, Any]]:
+    """Medians of the milliseconds that filters take for an image: over all, and over the last tenth, with the largest map.
+
+    A table and no metric: they depend on what else the machine does. What finds and matches features takes is not among them.
+    """
+    rows = []
+    for name, clock in clocks.items():
+        ms = 1e3 * np.array(clock.seconds)
+        variables = clock.variables[-1] if clock.variables else float("nan")
+        last = ms[-max(1, len(ms) // 10) :]
+        rows.append(
+            {
+                "filter": name,
+                "variables": variables,
+                "step_ms": np.median(ms),
+                "last_ms": np.median(last),
+                "total_s": ms.sum() / 1e3,
+            }
+        )
+    return rows
 
 
 def _step_table(run: ViewMappingRun, poses: Mapping[str, Floats]) -> dict[str, Any]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import ClassVar
 
 import numpy as np
 
-from omnilab.api import Floats, Parts, PathPoses, Plan, Recorder, Report, check_settings, setting
+from omnilab.api import Floats, Parts, PathPoses, Plan, Recorder, Report, ViewFilter, check_settings, setting
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, planar_poses
 from omnilab.posegraph.graph import vectors
@@ -18,6 +19,7 @@ from omnilab_studies.common.samples import evenly
 from omnilab_studies.view_slam.display import TRUTH, line
 from omnilab_studies.view_slam.filter_comparison import filters_of
 from omnilab_studies.view_slam.front_end import AssociationSettings
+from omnilab_studies.view_slam.landmark_front_end import LandmarkSettings, observes_landmarks
 from omnilab_studies.view_slam.layout import VIEW_SLAM
 from omnilab_studies.view_slam.mapping_run import VIEWS, ViewMappingRun
 from omnilab_studies.view_slam.results import report
@@ -57,6 +59,7 @@ class ViewSlam:
     views: AssociationSettings = field(
         default_factory=AssociationSettings
     )  # when an image shows a view, and when it becomes one
+    landmarks: LandmarkSettings = field(default_factory=LandmarkSettings)  # for filters that observe landmarks
     show: int = setting(
         150, at_least=1
     )  # images that go into the logs, and stages of the map; the numbers of all of them do
@@ -65,7 +68,7 @@ class ViewSlam:
     metric_names: ClassVar[tuple[str, ...]] = (
         "FILTER_rms", "FILTER_end", "FILTER_final_rms", "FILTER_heading_rms", "FILTER_nees", "FILTER_nees_median",
         "FILTER_nees_within", "FILTER_views", "FILTER_observed", "FILTER_gated", "odometry_rms", "images",
-        "path_length", "lost_steps", "known_views",
+        "path_length", "lost_steps", "known_views", "FILTER_variables",
     )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -79,13 +82,14 @@ class ViewSlam:
         if VIEWS not in parts.odometries:
             raise ConfigError("this study needs to relate two images; give +odometry@odometries.views=planar_epipolar")
         check_sensors(parts)
+        self._check_landmarks(filters, parts)
         plan = self._plan(parts)
         _log_truth(record, parts, plan)
         seed, mapping_seed = int(rng.integers(2**32)), int(rng.integers(2**32))
         writer = None if self.keep is None else ViewWriter(self.keep, parts, plan, seed, asdict(self) | {"keep": None})
         shown = set(evenly(len(plan), self.show).tolist())
         mapping = ViewMappingRun(
-            parts, filters, self.views, self._known_covariance(), mapping_seed, record, shown, writer
+            parts, filters, self.views, self.landmarks, self._known_covariance(), mapping_seed, record, shown, writer
         )
         for frames in deliver_queries(parts, plan, record, seed):
             for i in range(len(frames)):
@@ -96,6 +100,21 @@ class ViewSlam:
             writer.close(next(iter(mapping.mappers.values())).map.views())
         assert plan.T_world_camera is not None
         return report(mapping, wall_lines(parts.sensor.scene(), float(plan.T_world_camera[0, 2, 3])), record)
+
+    def _check_landmarks(self, filters: Mapping[str, ViewFilter], parts: Parts) -> None:
+        """ConfigError where a filter that observes landmarks would be given views."""
+        first = next(iter(filters))
+        for name in (name for name, view_filter in filters.items() if observes_landmarks(view_filter)):
+            if parts.sensors:
+                raise ConfigError(
+                    f"view_filters.{name} observes landmarks and cannot know views from before; leave out"
+                    f" {', '.join(f'sensors.{sensor}' for sensor in parts.sensors)}, or ~view_filters.{name}"
+                )
+            if self.keep is not None and name == first:
+                raise ConfigError(
+                    f"study.keep={self.keep} keeps the views of the first filter, and view_filters.{name} has landmarks;"
+                    " leave it out, or name a filter of views first"
+                )
 
     def _plan(self, parts: Parts) -> Plan:
         """The images of the trajectory, in their order."""

@@ -17,9 +17,9 @@ from omnilab_studies.view_slam.drives import Drive, Drives
 from omnilab_studies.view_slam.filter_comparison import (
     FilterComparison,
     counts,
-    filters_of,
     seeds_of,
     selected,
+    simulated_filters_of,
 )
 from omnilab_studies.view_slam.layout import VIEW_MAP
 from omnilab_studies.view_slam.scenarios import Scenario, scenario
@@ -57,7 +57,7 @@ class ViewCount:
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Run every filter on the same drives, with ever more views; measure errors and time."""
-        filters, base = filters_of(parts), int(rng.integers(2**32))
+        filters, base = simulated_filters_of(parts), int(rng.integers(2**32))
         ground = scenario(self.scenario)
         record.log("", VIEW_MAP)
         comparison = FilterComparison(filters, self.seeds, self.fewer_seeds, record, rng)

@@ -17,9 +17,9 @@ from omnilab_studies.view_slam.drives import Drive, Drives
 from omnilab_studies.view_slam.filter_comparison import (
     FilterComparison,
     counts,
-    filters_of,
     seeds_of,
     selected,
+    simulated_filters_of,
 )
 from omnilab_studies.view_slam.layout import VIEW_MAP
 from omnilab_studies.view_slam.scenarios import Scenario, scenario
@@ -75,7 +75,7 @@ class ViewRange:
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Run every filter on the same drives, in every scenario and at every range; measure."""
-        filters, base = filters_of(parts), int(rng.integers(2**32))
+        filters, base = simulated_filters_of(parts), int(rng.integers(2**32))
         grounds, firsts = [scenario(name) for name in self.scenarios], dict[str, tuple[Scenario, Drive]]()
         record.log("", VIEW_MAP)
         comparison = FilterComparison(filters, self.seeds, self.fewer_seeds, record, rng)
