@@ -99,6 +99,7 @@ COMPOSED = [
     (["hydra.foo=1"], "'hydra.foo' is not a setting of Hydra; omnilab --cfg hydra shows"),
     (["sinks.foo.x=1"], "there is nothing called 'foo' in sinks; add it first, with +sink@sinks.foo=NAME"),
     (["disturbances.blur.sigma_px=1"], "add it first, with disturbance=blur"),
+    (["study.conditions.noon.x=1", "experiment=changes"], "if study.conditions.noon takes any names, give +study."),
     (["localizer.x=1", "~localizer"], "no localizer is chosen; give localizer="),
     (["+seed=1"], "give seed=VALUE without the +"),
     (["+descriptor=radon"], "give descriptor=NAME without the +"),

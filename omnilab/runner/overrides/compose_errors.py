@@ -108,6 +108,12 @@ def _not_in_struct(found: re.Match[str], text: str, registry: Registry) -> str:
         kind, name = DICTS[slot], names[0] if names else found[1]
         add = f"disturbance={name}" if kind in MANY and name in registry.names(kind) else f"+{kind}@{slot}.{name}=NAME"
         return f"there is nothing called '{name}' in {slot}; add it first, with {add}{registry.failed}"
+    if slot in KINDS and len(names) > 1:
+        held = ".".join([slot, *names[:-1]])
+        return (
+            f"there is no '{path}'; if {held} takes any names, give +{path}=VALUE, and if no {slot} is chosen, give"
+            f" {slot}=NAME first{registry.failed}"
+        )
     if slot in KINDS:
         return f"'{path}' is not a setting yet, for no {slot} is chosen; give {slot}={'|'.join(registry.names(slot))}"
     return f"'{path}' is not a setting; {GENERAL}"
