@@ -20,6 +20,7 @@ LABELS = {
     "r2": "r² (centred) of the line", "nearest": "answered the nearest place [%]", "heading_error": "heading error, median [deg]",
 }  # fmt: skip
 OF_DESCRIPTOR = ("fit_ms", "describe_ms", "bytes")  # alike for all distances
+LOWEST_R2 = -1.0  # drawn: below, a curve is bent by so much that by how much does not count
 WIDE = 8  # values whose largest is so many times the smallest are drawn on a logarithmic axis
 
 
@@ -65,7 +66,9 @@ def _draw(axes: Axes, name: str, curves: Mapping[str, Sequence[Point]]) -> None:
         axes.plot(x, value, markersize=4, linewidth=1.4, label=method, **style)
         axes.fill_between(x, low, high, color=style["color"], alpha=0.18, lw=0)
     axes.set_ylabel(LABELS[name], fontsize=8)
-    if name != "r2":
+    if name == "r2":
+        axes.set_ylim(max(axes.get_ylim()[0], LOWEST_R2), 1.02)
+    else:
         axes.set_ylim(bottom=0)
     if name == "nearest":
         axes.set_ylim(0, 103)

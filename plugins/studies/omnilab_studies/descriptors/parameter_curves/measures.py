@@ -55,22 +55,20 @@ class Measures:
     def __init__(self, layouts: Layouts, parts: Parts, record: Recorder, rng: np.random.Generator) -> None:
         self._layouts, self._record, self._own = layouts, record, _identities(parts)
         self._line_seed, self._disturbance_seed, self._seed = (int(n) for n in rng.integers(2**32, size=3))
-        self._pictures: dict[
-            tuple[str, *tuple[int, ...]], tuple[Pictures, Ints]
-        ] = {}  # by what, and identities of what made them
+        self._pictures: dict[tuple[str, *tuple[int, ...]], Pictures] = {}  # by what they are of, and made by
         self.omitted: dict[str, None] = {}  # sentences, each once
 
     def begin(self, parts: Parts) -> None:
         """Forget what was made by components that are neither the run's own nor of these parts."""
         used = self._own | _identities(parts)
         self._pictures = {key: made for key, made in self._pictures.items() if used.issuperset(key[1:])}
-        for pictures, _ in self._pictures.values():
+        for pictures in self._pictures.values():
             pictures.forget(but=used)
 
     def cost(self, parts: Parts, method: Method) -> dict[str, Measured]:
         """Milliseconds and bytes an image: of the pictures of the map, or of the lines where there is no map."""
         only_lines = self._layouts.queries is None and self._layouts.grid is not None
-        pictures = self._lines(parts)[0] if only_lines else self._map(parts)
+        pictures = self._lines(parts) if only_lines else self._map(parts)
         found, rng = pictures.described_by(method.descriptor, self._layouts.repeats), self._rng()
         return {
             "fit_ms": Measured(found.fit_ms),
@@ -81,7 +79,8 @@ class Measures:
 
     def curve(self, parts: Parts, method: Method) -> LineCurve:
         """The distance curve; DataError if the distance cannot compare such signatures."""
-        pictures, lines = self._lines(parts)
+        pictures = self._lines(parts)
+        lines = pictures.lines
         signatures = pictures.described_by(method.descriptor, self._layouts.repeats).signatures
         references, row = np.unique(lines[:, 0], return_inverse=True)
         check_comparisons(len(references), len(signatures))
@@ -91,11 +90,9 @@ class Measures:
         curve = Curve(distance_m, values.mean(axis=0), values.var(axis=0))
 
         means = _resampled_means(values, row, self._rng())
-        (low, high), r2 = (
-            np.quantile(means, [0.025, 0.975], axis=0),
-            [Curve(distance_m, m, m).r2_centred for m in means],
-        )
-        return LineCurve(curve, low, high, Measured(curve.r2_centred, *np.quantile(r2, [0.025, 0.975]).tolist()))
+        low, high = np.quantile(means, [0.025, 0.975], axis=0)
+        r2 = np.quantile([Curve(distance_m, mean, curve.variance).r2_centred for mean in means], [0.025, 0.975])
+        return LineCurve(curve, low, high, Measured(curve.r2_centred, *r2.tolist()))
 
     def rates(self, parts: Parts, method: Method) -> dict[str, Measured]:
         """Rate of nearest estimates, errors, time; DataError if the distance cannot compare such signatures."""
@@ -123,46 +120,42 @@ class Measures:
     def counts(self) -> dict[str, int]:
         """How many lines, places and queries there were, the first time that they were imaged."""
         found: dict[str, int] = {}
-        for (what, *_), (pictures, lines) in self._pictures.items():
-            found.setdefault(what, len(lines) if what == "lines" else len(pictures))
+        for (what, *_), pictures in self._pictures.items():
+            found.setdefault(what, len(pictures.lines) if what == "lines" else len(pictures))
         return found
 
     # ------------------------------------------------------------------------------------------------------ pictures
     def _map(self, parts: Parts) -> Pictures:
-        return self._taken("places", parts, (id(parts.sensor),))[0]
+        return self._once("places", partial(self._take_map, parts), id(parts.sensor))
 
     def _queries(self, parts: Parts) -> Pictures:
-        return self._taken("queries", parts, (id(parts.sensor), *map(id, parts.disturbances.values())))[0]
+        spoilt_by = (id(disturbance) for disturbance in parts.disturbances.values())
+        return self._once("queries", partial(self._take_queries, parts), id(parts.sensor), *spoilt_by)
 
-    def _lines(self, parts: Parts) -> tuple[Pictures, Ints]:
-        """Pictures of the nodes of lines, and the lines (A, n + 1) as indices into these."""
-        return self._taken("lines", parts, (id(parts.sensor),))
+    def _lines(self, parts: Parts) -> Pictures:
+        return self._once("lines", partial(self._take_lines, parts), id(parts.sensor))
 
-    def _taken(self, what: str, parts: Parts, by: tuple[int, ...]) -> tuple[Pictures, Ints]:
+    def _once(self, what: str, take: Callable[[], Pictures], *by: int) -> Pictures:
+        """Pictures, taken unless components of these identities have already."""
         if (what, *by) not in self._pictures:
-            made = self._take(what, parts)
-            self.omitted |= dict.fromkeys(made[0].omitted)
-            self._pictures[what, *by] = made
+            self._pictures[what, *by] = take()
+            self.omitted |= dict.fromkeys(self._pictures[what, *by].omitted)
         return self._pictures[what, *by]
 
-    def _take(self, what: str, parts: Parts) -> tuple[Pictures, Ints]:
-        """Pictures of a layout; of lines, these, too."""
-        layouts, record = self._layouts, self._record
-        if what == "queries":
-            assert layouts.queries is not None
-            plan = parts.sensor.plan(layouts.queries)
-            return Pictures(deliver_queries(parts, plan, record, self._disturbance_seed), plan, record), np.empty(
-                0, int
-            )
-        if what == "places":
-            plan = parts.sensor.plan(layouts.map)
-            pictures = Pictures(deliver(parts, plan, record, what), plan, record)
-            if pictures.frames.T_world_camera is not None:
-                record.log("places", PlaceMap(pictures.frames.T_world_camera[:, :3, 3]))
-            return pictures, np.empty(0, int)
-        return self._take_lines(parts)
+    def _take_map(self, parts: Parts) -> Pictures:
+        plan = parts.sensor.plan(self._layouts.map)
+        pictures = Pictures(deliver(parts, plan, self._record, "places"), plan, self._record)
+        if pictures.frames.T_world_camera is not None:
+            self._record.log("places", PlaceMap(pictures.frames.T_world_camera[:, :3, 3]))
+        return pictures
 
-    def _take_lines(self, parts: Parts) -> tuple[Pictures, Ints]:
+    def _take_queries(self, parts: Parts) -> Pictures:
+        assert self._layouts.queries is not None
+        plan = parts.sensor.plan(self._layouts.queries)
+        return Pictures(deliver_queries(parts, plan, self._record, self._disturbance_seed), plan, self._record)
+
+    def _take_lines(self, parts: Parts) -> Pictures:
+        """Pictures of the places of lines along a grid."""
         layouts = self._layouts
         assert layouts.grid is not None
         grid = parts.sensor.plan(layouts.grid)
@@ -172,7 +165,8 @@ class Measures:
         nodes = np.unique(lines)
         plan = grid.at(nodes)
         pictures = Pictures(deliver(parts, plan, self._record, "lines"), plan, self._record)
-        return pictures, whole_lines(np.searchsorted(nodes, lines), pictures.frames.plan_index)
+        pictures.lines = whole_lines(np.searchsorted(nodes, lines), pictures.frames.plan_index)
+        return pictures
 
     def _rng(self) -> np.random.Generator:
         return np.random.default_rng(self._seed)

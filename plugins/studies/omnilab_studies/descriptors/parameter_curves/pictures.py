@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omnilab.api import Bytes, Descriptor, Floats, Frames, Plan, Recorder, Signatures, Tick, Trainable
+from omnilab.api import Bytes, Descriptor, Floats, Frames, Ints, Plan, Recorder, Signatures, Tick, Trainable
 from omnilab.errors import DataError
 from omnilab.image import view_of
 from omnilab_studies.common.describing import check_signatures, check_views
@@ -47,6 +47,7 @@ class Pictures:
             raise DataError("the sensor delivered no images for the study's layout; ask for others")
         self.frames = _joined(kept)
         self.batches = [slice(i, min(i + BATCH, len(self))) for i in range(0, len(self), BATCH)]
+        self.lines: Ints = np.empty((0, 0), int)  # (A, n + 1) of the images, where they were taken along lines
         self._views: dict[tuple[str, bool], tuple[Bytes, Floats]] = {}
         self._described: dict[int, tuple[object, Described]] = {}  # by the identity of what stands beside it
 
