@@ -16,10 +16,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LABELS = {
-    "fit_ms": "training, ms an image", "describe_ms": "description, ms an image", "bytes": "bytes an image",
+    "fit_ms": "training, ms an image", "fit_cpu_ms": "training, processor's ms an image",
+    "describe_ms": "description, ms an image", "describe_cpu_ms": "description, processor's ms an image",
+    "bytes": "bytes an image",
     "r2": "r² (centred) of the line", "nearest": "answered the nearest place [%]", "heading_error": "heading error, median [deg]",
 }  # fmt: skip
-OF_DESCRIPTOR = ("fit_ms", "describe_ms", "bytes")  # alike for all distances
+OF_DESCRIPTOR = ("fit_ms", "fit_cpu_ms", "describe_ms", "describe_cpu_ms", "bytes")  # alike for all distances
 LOWEST_R2 = -1.0  # drawn: below, a curve is bent by so much that by how much does not count
 WIDE = 8  # values whose largest is so many times the smallest are drawn on a logarithmic axis
 
@@ -29,7 +31,7 @@ def curves_of(points: Sequence[Point]) -> Mapping[tuple[str, str, str], list[Poi
     found: dict[tuple[str, str, str], list[Point]] = {}
     for point in points:
         for name in LABELS:
-            if name not in point.found or (name == "fit_ms" and not point.found[name].value):
+            if name not in point.found or (name.startswith("fit_") and not point.found[name].value):
                 continue
             of_descriptor = name in OF_DESCRIPTOR
             key = (point.parameter, name, point.method.descriptor_name if of_descriptor else key_of(point.method.name))

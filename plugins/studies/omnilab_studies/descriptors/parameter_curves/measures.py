@@ -72,8 +72,10 @@ class Measures:
         found, rng = pictures.described_by(method.descriptor, self._layouts.repeats), self._rng()
         return {
             "fit_ms": Measured(found.fit_ms),
+            "fit_cpu_ms": Measured(found.fit_cpu_ms),
             "view_ms": _estimate(np.median, found.view_ms, rng),
             "describe_ms": _estimate(np.median, found.describe_ms, rng),
+            "describe_cpu_ms": _estimate(np.median, found.describe_cpu_ms, rng),
             "bytes": Measured(found.signatures.nbytes / len(pictures)),
         }
 

@@ -14,7 +14,7 @@ from omnilab.image import view_of
 from omnilab_studies.common.describing import check_signatures, check_views
 from omnilab_studies.common.logs import show_picture
 from omnilab_studies.common.methods import joined_signatures
-from omnilab_studies.common.timing import timed
+from omnilab_studies.common.timing import timed, timed_twice
 
 BATCH = 16  # images that a sample of time is averaged over
 WARM_UP = 2  # images described before time is taken: the first call may compile
@@ -26,8 +26,10 @@ class Described(NamedTuple):
     descriptor: Descriptor  # trained, where it is to be
     signatures: Signatures
     fit_ms: float
+    fit_cpu_ms: float  # of the processor, all threads together
     view_ms: Floats
     describe_ms: Floats
+    describe_cpu_ms: Floats
 
 
 class Pictures:
@@ -74,12 +76,15 @@ class Pictures:
 
     def _describe(self, descriptor: Descriptor | Trainable, repeats: int) -> Described:
         views, view_ms = self._view((descriptor.view, descriptor.color))
-        ready, fit_s = _fitted(descriptor, views)
+        ready, *fit_s = _fitted(descriptor, views)
         check_signatures(ready.describe(views[:WARM_UP]), len(self), "images")
-        runs = [[timed(partial(ready.describe, views[which])) for which in self.batches] for _ in range(repeats)]
-        signatures = joined_signatures([found for found, _ in runs[0]])
-        fastest = np.min([[seconds for _, seconds in run] for run in runs], axis=0)
-        return Described(ready, signatures, 1e3 * fit_s / len(self), view_ms, self.each_ms(fastest))
+        runs = [[timed_twice(partial(ready.describe, views[which])) for which in self.batches] for _ in range(repeats)]
+        signatures = joined_signatures([found for found, *_ in runs[0]])
+        wall, processor = (np.min([[times[i] for _, *times in run] for run in runs], axis=0) for i in (0, 1))
+        fit_ms, fit_cpu_ms = (1e3 * seconds / len(self) for seconds in fit_s)
+        return Described(
+            ready, signatures, fit_ms, fit_cpu_ms, view_ms, self.each_ms(wall), self.each_ms(processor)
+        )  # fmt: skip
 
     def _view(self, wanted: tuple[str, bool]) -> tuple[Bytes, Floats]:
         """The views of all images, and the milliseconds of one."""
@@ -96,9 +101,11 @@ class Pictures:
         return np.array([1e3 * s / (which.stop - which.start) for s, which in zip(seconds, self.batches, strict=True)])
 
 
-def _fitted(descriptor: Descriptor | Trainable, views: Bytes) -> tuple[Descriptor, float]:
-    """A descriptor that can describe, and the seconds of its training: 0 where there is none."""
-    return timed(partial(descriptor.fit, views)) if isinstance(descriptor, Trainable) else (descriptor, 0.0)
+def _fitted(descriptor: Descriptor | Trainable, views: Bytes) -> tuple[Descriptor, float, float]:
+    """A descriptor that can describe, and the wall and processor seconds of its training: 0 where there is none."""
+    if isinstance(descriptor, Trainable):
+        return timed_twice(partial(descriptor.fit, views))
+    return descriptor, 0.0, 0.0
 
 
 def _joined(kept: list[Frames]) -> Frames:
