@@ -11,3 +11,4 @@ from omnilab_appearance.disturbances.noise import ListingNoise as ListingNoise
 from omnilab_appearance.disturbances.noise import UniformNoise as UniformNoise
 from omnilab_appearance.disturbances.occlusion import Occlusion as Occlusion
 from omnilab_appearance.disturbances.tilt import Tilt as Tilt
+from omnilab_appearance.disturbances.upright_adjustment import UprightAdjustment as UprightAdjustment

@@ -75,6 +75,7 @@ class Altitude:
     )  # or which image of a column, 1 the lowest; null: by references_m
     range_m: float = setting(1.0, above=0)  # around the reference, where lines are fitted
     levels: dict[str, dict[str, list[Any]]] = setting({})  # of a disturbance: {setting: [values]}
+    corrections: list[str] = setting([])  # disturbances that follow each level, such as upright_adjustment
 
     needs: ClassVar[tuple[str, ...]] = ("sensor",)
     metric_names: ClassVar[tuple[str, ...]] = (
@@ -97,7 +98,7 @@ class Altitude:
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Image the columns, disturb the tests, estimate their heights with every altimeter, score."""
         altimeters = _altimeters(parts)
-        levels = levels_of(self.levels, parts.disturbances, record)
+        levels = levels_of(self.levels, parts.disturbances, record, self.corrections)
         if scene := parts.sensor.scene():
             record.log("room", scene)
 

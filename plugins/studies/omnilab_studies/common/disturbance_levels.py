@@ -52,16 +52,27 @@ def check_levels(levels: Mapping[str, Mapping[str, Sequence[Any]]]) -> None:
 
 
 def levels_of(
-    levels: Mapping[str, Mapping[str, Sequence[Any]]], disturbances: Mapping[str, Disturbance], record: Recorder
-) -> list[Level]:
-    """Clear, and every level of every disturbance; one without `levels` has its own settings alone."""
+    levels: Mapping[str, Mapping[str, Sequence[Any]]], disturbances: Mapping[str, Disturbance], record: Recorder,
+    corrections: Sequence[str] = (),
+) -> list[Level]:  # fmt: skip
+    """Clear, and every level of every disturbance; one without `levels` has its own settings alone.
+
+    Those that are named as `corrections` are no levels: they are applied after each, and after none too.
+    """
+    if unknown := [name for name in corrections if name not in disturbances]:
+        raise ConfigError(
+            f"study.corrections names '{unknown[0]}', which is no disturbance of the run; there is"
+            f" {', '.join(disturbances)}{did_you_mean(unknown[0], list(disturbances))}"
+        )
+    after = {name: disturbances[name] for name in corrections}
+    disturbances = {name: own for name, own in disturbances.items() if name not in after}
     for name in sorted(levels.keys() - disturbances.keys()):
         record.log("log", Text(f"study.levels.{name} is not used: the run has no disturbance '{name}'"))
-    found = [Level("clear")]
+    found = [Level("clear", applied=after)]
     for name, disturbance in disturbances.items():
         if name not in levels:
-            found.append(Level(name, value="as set", applied={name: disturbance}))
+            found.append(Level(name, value="as set", applied={name: disturbance, **after}))
             continue
         ((setting, values),) = levels[name].items()
-        found += [Level(name, setting, v, {name: at_strength(disturbance, name, setting, v)}) for v in values]
+        found += [Level(name, setting, v, {name: at_strength(disturbance, name, setting, v), **after}) for v in values]
     return found

@@ -61,6 +61,7 @@ class Robustness:
     )  # headings are multiples of 360/heading_steps degrees; null: any heading
     height_m: float | None = setting(None, at_least=-1e6, at_most=1e6)  # of the viewpoint; null: the sensor's own
     levels: dict[str, dict[str, list[Any]]] = setting({})  # of a disturbance: {setting: [values]}
+    corrections: list[str] = setting([])  # disturbances that follow each level, such as upright_adjustment
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "localizer", "disturbances")
     metric_names: ClassVar[tuple[str, ...]] = (
@@ -76,7 +77,7 @@ class Robustness:
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Describe the map, localise the queries at every level by every method, compare."""
         start_logs(record, LAYOUT, parts.sensor)
-        levels = levels_of(self.levels, parts.disturbances, record)
+        levels = levels_of(self.levels, parts.disturbances, record, self.corrections)
         grid = self._grid(parts.sensor)
         places_m = known_poses(grid.T_world_camera, "places")[:, :3, 3]
         record.log("places", PlaceMap(places_m))
