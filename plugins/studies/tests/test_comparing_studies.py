@@ -25,6 +25,7 @@ from omnilab.geometry import heading_of, planar_poses, wrap_angle
 from omnilab.runner.recorder import Recorder
 from omnilab.testing import check_study
 from omnilab_studies import Resolution, Robustness
+from omnilab_studies.common.disturbance_levels import levels_of
 from omnilab_studies.common.free_area import free_square
 
 CAMERA = ImageCircle(16, 16, Circle(7.5, 7.5, 8))
@@ -239,6 +240,17 @@ def test_without_a_side_the_map_is_all_that_is_free():
     mesh = np.ma.filled(report.figures["surfaces"].axes[0].collections[0].get_array().astype(float), np.nan)
     x = np.arange(-1, 3.1, 0.5)
     assert np.argwhere(np.isnan(mesh)).tolist() == [[np.searchsorted(x, 0.5), np.searchsorted(x, 0.5)]]  # furniture
+
+
+def test_corrections_follow_every_level_and_are_none():
+    first, second = Push(), Push()
+    found = levels_of({"push": {"shift": [1, 2]}}, {"push": first, "back": second}, Log(), ["back"])
+    assert [level.title for level in found] == ["clear", "push 1", "push 2"]
+    assert [list(level.applied) for level in found] == [["back"], ["push", "back"], ["push", "back"]]
+    with pytest.raises(
+        ConfigError, match=r"study.corrections names 'bakc', which is no disturbance.*did you mean back"
+    ):
+        levels_of({}, {"back": second}, Log(), ["bakc"])
 
 
 @pytest.mark.parametrize(
