@@ -4,6 +4,7 @@ What is imported here is registered, by the name of its class in snake case.
 """
 
 from omnilab_appearance.localizers.bayes_filter import BayesFilter as BayesFilter
+from omnilab_appearance.localizers.gower import Gower as Gower
 from omnilab_appearance.localizers.hierarchical import Hierarchical as Hierarchical
 from omnilab_appearance.localizers.interpolated import Interpolated as Interpolated
 from omnilab_appearance.localizers.nearest import Nearest as Nearest

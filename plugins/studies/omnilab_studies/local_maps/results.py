@@ -148,7 +148,7 @@ def ranking_of_first(results: Sequence[LocalMapResult]) -> list[LocalMapResult]:
 
 
 def metrics_of(results: Sequence[LocalMapResult], left_out: int, rng: np.random.Generator) -> list[Metric]:
-    """The best of the first step and number of neighbours, and the median error of each one there.
+    """The best of the first step and number of neighbours, and the median error of each one there, by both fits.
 
     Intervals are bootstrapped over queries: all starts of a query are drawn together.
     """
@@ -160,6 +160,7 @@ def metrics_of(results: Sequence[LocalMapResult], left_out: int, rng: np.random.
         _metric("centroid_error_median", best.centroid_m, np.median, "m", rng),
         _metric("best_better_than_centroid", better, np.mean, "1", rng),
         *(_metric(f"error_median_{key_of(r.case)}", r.error_m, np.median, "m", rng) for r in ranking),
+        *(_metric(f"error_median_all_points_{key_of(r.case)}", r.all_points_m, np.median, "m", rng) for r in ranking),
         Metric("trials", len(results), "1"),
         Metric("queries", len(best.error_m), "1"),
         Metric("starts", best.error_m.shape[1], "1"),

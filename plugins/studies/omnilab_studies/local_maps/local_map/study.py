@@ -67,7 +67,7 @@ class LocalMap:
     needs: ClassVar[tuple[str, ...]] = ("sensor", "descriptor", "distance", "localizers")
     metric_names: ClassVar[tuple[str, ...]] = (
         "best_error_median", "centroid_error_median", "best_better_than_centroid", "error_median_METHOD_LOCALIZER",
-        "trials", "queries", "starts", "left_out",
+        "error_median_all_points_METHOD_LOCALIZER", "trials", "queries", "starts", "left_out",
     )  # fmt: skip
 
     def __post_init__(self) -> None:
