@@ -57,12 +57,13 @@ class SphericalSift:
 
         camera = EquirectangularCamera(picture.shape[1], picture.shape[0])
         belt = reproject(picture[None], camera, camera, R_sphere_belt)[0] if steep else picture
-        wide = np.concatenate([belt[:, -WRAP:], belt, belt[:, :WRAP]], axis=1)
+        wrap = min(WRAP, belt.shape[1])
+        wide = np.concatenate([belt[:, -wrap:], belt, belt[:, :wrap]], axis=1)
         detector = cv2.SIFT_create(contrastThreshold=self.contrast, enable_precise_upscale=True)  # type: ignore[attr-defined]
         points, vectors = detector.detectAndCompute(wide, _inner(wide > 0))
         if not points:
             return np.zeros(0), np.zeros((0, 3 + DIMENSIONS))
-        uv = np.array([point.pt for point in points]) - [WRAP, 0]
+        uv = np.array([point.pt for point in points]) - [wrap, 0]
         directions = camera.directions(uv) @ R_sphere_belt.T
         own = (np.abs(np.arcsin(np.clip(directions[:, 2], -1, 1))) > WIDEST_RAD) == steep
         own &= (uv[:, 0] >= -0.5) & (uv[:, 0] < picture.shape[1] - 0.5)

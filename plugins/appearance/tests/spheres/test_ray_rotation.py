@@ -116,6 +116,13 @@ def test_features_are_only_where_something_is_seen():
     assert np.abs(SphericalSift().describe(np.zeros_like(picture)).place).max() == 0
 
 
+def test_a_sphere_of_few_pixels_has_few_features_or_none():
+    tiny = np.random.default_rng(6).integers(1, 256, (2, 8, 16), dtype=np.uint8)
+    directions = SphericalSift().describe(tiny).place[:, :, :3]
+    lengths = np.linalg.norm(directions, axis=-1)
+    assert ((np.abs(lengths - 1) < 1e-6) | (lengths == 0)).all()
+
+
 def test_signatures_of_others_are_refused_in_a_sentence():
     with pytest.raises(DataError, match="hold no features of the sphere; choose descriptor=spherical_sift"):
         FeatureRotation().prepare(Signatures(np.zeros((2, 9), np.float32)))

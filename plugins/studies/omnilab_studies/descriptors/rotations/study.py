@@ -111,7 +111,7 @@ class Rotations:
             [*self._metrics(left, rng), *_by_distance(rows), Metric("pairs", len(truth), "1")],
             {"rotations": columns_of(rows)},
             {"rotations": figures.against_distance(rows), "distribution": figures.distribution(errors)},
-            summary=f"## Rotations\n\n{markdown(columns_of(rows))}",
+            summary=f"## Rotations\n\n{markdown(columns_of([_short(row) for row in rows]))}",
             omitted=plan.omitted,
         )
 
@@ -220,6 +220,11 @@ def _row(method: str, distance_m: float, left: Floats) -> dict[str, Any]:
         for what, values in degrees.items()
         for q, share in quantiles.items()
     }
+
+
+def _short(row: Mapping[str, Any]) -> dict[str, Any]:
+    """The columns of the summary."""
+    return {name: value for name, value in row.items() if not name.endswith(("q25_deg", "q75_deg"))}
 
 
 def _by_distance(rows: Sequence[Mapping[str, Any]]) -> list[Metric]:
