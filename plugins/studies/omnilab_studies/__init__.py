@@ -28,6 +28,7 @@ from omnilab_studies.pose_graph.study import PoseGraphStudy
 from omnilab_studies.trajectory.study import TrajectoryStudy
 from omnilab_studies.view_slam.study import ViewSlam
 from omnilab_studies.view_slam.view_count.study import ViewCount
+from omnilab_studies.view_slam.view_density.study import ViewDensity
 from omnilab_studies.view_slam.view_range.study import ViewRange
 
 __all__ = [
@@ -53,6 +54,7 @@ __all__ = [
     "TopologicalMap",
     "TrajectoryStudy",
     "ViewCount",
+    "ViewDensity",
     "ViewRange",
     "ViewSlam",
     "Views",
@@ -82,6 +84,7 @@ def register_studies(register: Register) -> None:
     register("joint", Joint)
     register("pose_graph", PoseGraphStudy)
     register("trajectory", TrajectoryStudy)
+    register("view_density", ViewDensity)
     register("view_range", ViewRange)
     register("view_count", ViewCount)
     register("view_slam", ViewSlam)

@@ -11,8 +11,10 @@ import numpy as np
 
 from omnilab.api import Bools, Floats, Ints, Motion, Unusable, ViewFilter, ViewMap, check_settings, setting
 from omnilab.errors import ConfigError
+from omnilab_studies.view_slam.initialisation import Initialisation, expected_gain
 
 START_VARIANCE = 1e-6  # m², rad²: the first pose is known
+FINEST = 1e-9  # m², rad²: added to odometry's covariance, should that be nothing
 RelativePose = Callable[[int, int], Motion]  # the motion from one image to another, by their numbers
 
 
@@ -28,6 +30,9 @@ class AssociationSettings:
     similarity: float = setting(
         0.5, above=0, at_most=1
     )  # R: an image that is less similar to all of them becomes a view
+    initialisation: Initialisation = Initialisation.similarity  # as printed; or information
+    least_gain: float = setting(1.0, above=0)  # of information: nats that an image is expected to tell to become a view
+    ahead_m: float = setting(1.0, above=0)  # about the pose that the robot has so far ahead
     least: int = setting(25, at_least=4)  # inliers of the matches, or a view is not observed
     sigma_deg: float = setting(
         0.5, at_least=1e-6, at_most=1e6
@@ -92,6 +97,7 @@ class ViewMapper:
         self.poses = [self.map.pose()]
         self.clock = FilterClock(self.map)
         self._settings, self._relative_pose = settings, relative_pose
+        self._drift, self._driven_m = np.zeros((3, 3)), 0.0  # covariances of odometry so far, and its way
 
     def know_view(self, image: int, pose: Floats, covariance: Floats) -> None:
         """A view from before, at a pose (3,) known with a covariance (3, 3)."""
@@ -104,6 +110,8 @@ class ViewMapper:
         warnings, timed = list[str](), self.clock.run
         if motion is not None:
             warnings += timed(self.map.predict, motion, covariance)
+        if motion is not None and covariance is not None and not warnings:
+            self._drift, self._driven_m = self._drift + covariance, self._driven_m + float(np.hypot(*motion[:2]))
         distance_m = np.linalg.norm(self.map.views()[:, :2] - self.map.pose()[0][:2], axis=1)
         candidates = {} if isinstance(features, Unusable) else self._match_candidates(image, distance_m)
         views, angles, covariances = self._observations(candidates, distance_m)
@@ -112,14 +120,28 @@ class ViewMapper:
             believed, more = timed(self.map.observe, views, angles, covariances)
             warnings += more
         new = None
-        similarities = [similarity(relative) for relative in candidates.values()]
-        if not isinstance(features, Unusable) and max(similarities, default=0.0) < self._settings.similarity:
+        if not isinstance(features, Unusable) and self._becomes_view(candidates, views, covariances):
             new = timed(self.map.add_view)
             self.images.append(image)
         if motion is not None:
             self.poses.append(timed(self.map.pose))
         self.clock.end_image()
         return ViewAssociation(views, angles, believed, candidates, new, warnings)
+
+    def _becomes_view(self, candidates: dict[int, Motion], views: Ints, covariances: Floats) -> bool:
+        """Whether the present image does, by the views (K,) that it observed with covariances (K, 2, 2)."""
+        s = self._settings
+        if s.initialisation is Initialisation.similarity:
+            return max((similarity(relative) for relative in candidates.values()), default=0.0) < s.similarity
+        poses, (robot, _) = self.map.views(), self.map.pose()
+        if not len(poses):
+            return True
+        if np.linalg.norm(poses[:, :2] - robot[:2], axis=1).min() < s.nearest_m:
+            return False  # it could not be observed from where another one can
+        c, si = np.cos(robot[2]), np.sin(robot[2])
+        offsets_m = (poses[views, :2] - robot[:2]) @ np.array([[c, -si], [si, c]])
+        drift = s.ahead_m * self._drift / max(self._driven_m, 1e-9) + FINEST * np.eye(3)
+        return expected_gain(offsets_m, covariances, drift, np.deg2rad(s.sigma_deg), s.ahead_m) > s.least_gain
 
     def _match_candidates(self, image: int, distance_m: Floats) -> dict[int, Motion]:
         """The relative pose of the image and each of the nearest views within the range, by distances of views (V,).

@@ -83,7 +83,7 @@ class ViewSlam:
             raise ConfigError("this study needs to relate two images; give +odometry@odometries.views=planar_epipolar")
         check_sensors(parts)
         self._check_landmarks(filters, parts)
-        plan = self._plan(parts)
+        plan = self.planned(parts)
         _log_truth(record, parts, plan)
         seed, mapping_seed = int(rng.integers(2**32)), int(rng.integers(2**32))
         writer = None if self.keep is None else ViewWriter(self.keep, parts, plan, seed, asdict(self) | {"keep": None})
@@ -116,7 +116,7 @@ class ViewSlam:
                     " leave it out, or name a filter of views first"
                 )
 
-    def _plan(self, parts: Parts) -> Plan:
+    def planned(self, parts: Parts) -> Plan:
         """The images of the trajectory, in their order."""
         plan = plan_of_trajectory(parts.sensor, self.images, self.path, self.height_m)
         if self.images is Source.path and plan.T_world_camera is not None and len(plan) > 1:
