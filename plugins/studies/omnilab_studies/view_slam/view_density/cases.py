@@ -45,14 +45,14 @@ class MappedDrive:
         self.case = case
         self.associations: list[ViewAssociation] = []
         self._view_filter, self._settings, self._relations = view_filter, case.settings(common), relations
-        self._asked, self._filter_s = 0, 0.0
+        self._requested, self._filter_s = 0, 0.0
 
     def begin(self, start: Floats) -> None:
         """A map without views, at a pose (3,)."""
         self.mapper = ViewMapper(self._view_filter, self._settings, self._relate, start)
 
     def _relate(self, image: int, view: int) -> Any:
-        self._asked += 1
+        self._requested += 1
         start = time.thread_time()
         motion = self._relations.relate(image, view)
         self._filter_s -= time.thread_time() - start  # which the step's time contains
@@ -71,13 +71,13 @@ class MappedDrive:
         error, (low, high) = errors(poses, truth), nees_bounds(1)
         own = nees(error[1:], covariances[1:])
         observed = sum(len(each.views) for each in self.associations)
-        relate_ms = 1e3 * float(np.mean(self._relations.relate_s or [0.0])) * self._asked / len(truth)
+        relate_ms = 1e3 * float(np.mean(self._relations.relate_s or [0.0])) * self._requested / len(truth)
         return {
             "views": len(self.mapper.images), "rms_m": position_rms(poses, truth),
             "heading_rms_deg": float(np.rad2deg(rms(error[:, 2]))), "nees": float(own.mean()),
             "nees_within": float(((low <= own) & (own <= high)).mean()), "observed": observed,
             "gated": 1 - sum(int(each.believed.sum()) for each in self.associations) / max(1, observed),
-            "odometry_rms_m": position_rms(odometry, truth), "related": self._asked / len(truth),
+            "odometry_rms_m": position_rms(odometry, truth), "related": self._requested / len(truth),
             "image_ms": 1e3 * float(np.mean(self._relations.extract_s)) + relate_ms + 1e3 * self._filter_s / len(truth),
         }  # fmt: skip
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from omnilab_studies.common.plots import blank_figure, plain_axes, style_of
+from omnilab_studies.common.plots import blank_figure, plain_axes, plain_logarithmic, style_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MARKS = [digit * 10**power for power in range(6) for digit in (1, 2, 5)]  # on an axis of counts
 Rows = Sequence[Mapping[str, Any]]
 
 
@@ -41,11 +40,8 @@ def density(rows: Rows) -> Figure:
     panels[1].set(ylabel="mean NEES (3 is expected)", title="Consistency", ylim=(0, None))
     panels[2].set(ylabel="processor time of an image [ms]", title="Time", ylim=(0, None))
     for axes in panels:
-        axes.set(xlabel="views in the map", xscale="log")
-        fewest, most = axes.get_xlim()
-        marks = [mark for mark in MARKS if fewest <= mark <= most]
-        axes.set_xticks(marks, [str(mark) for mark in marks])
-        axes.minorticks_off()
+        axes.set_xlabel("views in the map")
+        plain_logarithmic(axes)
         plain_axes(axes)
     figure.legend(
         *panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False, fontsize=8
