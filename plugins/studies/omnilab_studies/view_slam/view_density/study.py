@@ -35,7 +35,7 @@ from omnilab_studies.common.pose_sources import Source
 from omnilab_studies.common.samples import evenly
 from omnilab_studies.common.tables import columns_of, markdown
 from omnilab_studies.view_slam.display import TRUTH, Bearings, line, show_errors, show_step
-from omnilab_studies.view_slam.filter_comparison import filters_of
+from omnilab_studies.view_slam.filter_comparison import simulated_filters_of
 from omnilab_studies.view_slam.front_end import AssociationSettings, inlier_count
 from omnilab_studies.view_slam.initialisation import Initialisation
 from omnilab_studies.view_slam.layout import VIEW_SLAM
@@ -89,7 +89,7 @@ class ViewDensity:
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Map one drive in every case, image by image; evaluate."""
-        filters = filters_of(parts)
+        filters = simulated_filters_of(parts)
         if not parts.odometries:
             raise ConfigError("this study relates images; give +odometry@odometries.NAME=guided_epipolar, or several")
         drive = ViewSlam(self.images, self.path, self.every_m, self.every_rad, self.height_m)
