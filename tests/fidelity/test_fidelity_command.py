@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 
+import numpy as np
 import pytest
 
 from omnilab.api import Metric, Report
@@ -31,6 +32,8 @@ claims:
      protocol: {run: graph, metric: "times.csv[method=b].ms / times.csv[method=a].ms"}}
   - {id: mean, place: "4", says: Most., reported: "4", expect: {at_most: 3},
      protocol: {run: graph, metric: "max(times.csv.ms)"}}
+  - {id: within, place: "6", says: With an interval., reported: "3", expect: {at_most: 3},
+     protocol: {run: graph, metric: "times.csv[method=b].ms"}}
   - {id: never, place: "5", says: Never., reported: "1", not_reproduced: nobody can}
 """
 
@@ -55,7 +58,9 @@ def made(tmp_path, configurations):
         manifest = {"experiment": "pose_graph", "overrides": [], "components": {"study": study}, "commit": "abcdef0123"}
         run.open(manifest, configurations[name].replace("\nseed: 0\n", f"\nseed: {seed}\n"))
         metrics = [] if ate is None else [Metric("ate", ate, "m", interval)]
-        run.write(Report(metrics, tables={"times": {"ms": list(times[0]), "method": list(times[1])}}))
+        table = {"ms": list(times[0]), "method": list(times[1]), "ms_low": [1.5, np.nan][: len(times[0])]}
+        table["ms_high"] = [2.5, np.nan][: len(times[0])]
+        run.write(Report(metrics, tables={"times": table}))
         run.end(status)
         return folder
 
@@ -96,7 +101,7 @@ def test_the_table_is_of_the_run_folders(fidelity, made, tmp_path):
     assert rows["mean"][3] == "`max(times.csv.ms)` 4 [4, 4] ms (3 seeds)"
     assert rows["mean"][5] == "**not reached**"
     assert rows["never"][5] == "**cannot be tested**"
-    assert "| Chapter one | 5 | 1 | 1 | 1 | 1 | – | 1 |" in text
+    assert "| Chapter one | 6 | 2 | 1 | 1 | 1 | – | 1 |" in text
     assert "- `small`: in a | room" in text
     assert "| graph | `omnilab experiment=pose_graph` | 0, 1, 2 | `pose_graph/graph-0-0.2`" in text
     assert "9.8.7 `abcdef0`" in text
@@ -111,6 +116,7 @@ def test_what_was_not_run_is_not_measured_and_a_run_of_a_seed_counts_once(fideli
     rows = rows_of((tmp_path / "fidelity.md").read_text())
     assert rows["small"][3:6] == ["`ate` 0.4 m (one run)", "not measured", "**not reached**"]
     assert rows["order"][5] == "**not measured**"
+    assert rows["within"][3:6] == ["`times.csv[method=b].ms` 2 [1.5, 2.5] ms (one run)", "–", "**reached**"]
 
 
 def test_a_damaged_run_and_a_metric_that_is_not_there_are_told(fidelity, made, tmp_path):

@@ -22,7 +22,8 @@ INTRODUCTION = """\
 Made by `omnilab fidelity report` from run folders; nothing in it is typed by hand. The claims, with the recipes and
 metrics that test them, are in [conf/claims](../conf/claims). *Its protocol* is as the publication measured, *variant* a better
 method or a harder protocol, by the same expectation. An interval is of 95 %: Student's over seeds; with one run the study's
-own over its queries, where it has one. The verdict is about the values, not their intervals."""
+own over its queries, where it has one. The verdict is about the values, not their intervals. Times are those of the
+machine that made a run, whatever else it did."""
 
 
 @dataclass(frozen=True)

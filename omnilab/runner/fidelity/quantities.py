@@ -40,6 +40,22 @@ class MetricTerm:
             if self.name not in run.metrics:
                 raise DataError(f"{run.folder} has no metric {self.name}; run it again")
             return float(run.metrics[self.name])
+        values = [self._number(run, row, self.name) for row in self._rows(run)]
+        return STATISTICS[self.statistic](values) if self.statistic else values[0]
+
+    def interval(self, run: ComparedRun) -> tuple[float, float] | None:
+        """Of the metric; or of a cell by the columns COLUMN_low and COLUMN_high. None if there is none."""
+        if not self.table:
+            return run.intervals.get(self.name)
+        low, high = f"{self.name}_low", f"{self.name}_high"
+        row = self._rows(run)[0]
+        if self.statistic or low not in row or high not in row:
+            return None
+        found = self._number(run, row, low), self._number(run, row, high)
+        return found if all(map(math.isfinite, found)) else None
+
+    def _rows(self, run: ComparedRun) -> list[dict[str, str]]:
+        """The row of a cell, or those of a statistic; DataError if there are none, or too many."""
         rows = [row for row in load_run(run.folder).table(self.table) if self._fits(row)]
         if not rows or (len(rows) > 1 and not self.statistic) or self.name not in rows[0]:
             conditions = " and ".join(map("=".join, self.where)) or "anything"
@@ -47,13 +63,13 @@ class MetricTerm:
                 f"{run.folder}/{self.table}.csv has {len(rows)} rows with {conditions}, and a column {self.name} is"
                 " wanted of one: correct the claim, or run it again"
             )
+        return rows
+
+    def _number(self, run: ComparedRun, row: Mapping[str, str], column: str) -> float:
         try:
-            values = [float(row[self.name] or math.nan) for row in rows]
+            return float(row[column] or math.nan)
         except ValueError as error:
-            raise DataError(
-                f"{run.folder}/{self.table}.csv: {self.name} is no number ({error}); run it again"
-            ) from error
-        return STATISTICS[self.statistic](values) if self.statistic else values[0]
+            raise DataError(f"{run.folder}/{self.table}.csv: {column} is no number ({error}); run it again") from error
 
     def _fits(self, row: Mapping[str, str]) -> bool:
         return all(row.get(column) == value for column, value in self.where)
@@ -84,7 +100,7 @@ class Quantity:
 
     def interval(self, run: ComparedRun) -> tuple[float, float] | None:
         """The run's own interval of 95 %; None if it has none."""
-        return None if self.over or self.term.table else run.intervals.get(self.term.name)
+        return None if self.over else self.term.interval(run)
 
     def unit(self, run: ComparedRun) -> str:
         """As metrics.csv has it, or the end of a column's name; none of a quotient."""
