@@ -55,7 +55,9 @@ def made(tmp_path, configurations):
         folder = tmp_path / f"logs/pose_graph/{name}-{seed}-{ate}"
         run = RunFolder(folder)
         study = {"name": "pose_graph", "class": "a.b", "distribution": "omnilab-studies", "version": "9.8.7"}
-        manifest = {"experiment": "pose_graph", "overrides": [], "components": {"study": study}, "commit": "abcdef0123"}
+        backend = {"name": "gtsam_batch", "class": "a.c", "distribution": "omnilab-slam", "version": "9.8.7"}
+        components = {"study": study, "backend": backend, "sinks.rerun": {"name": "rerun"}}
+        manifest = {"experiment": "pose_graph", "overrides": [], "components": components, "commit": "abcdef0123"}
         run.open(manifest, configurations[name].replace("\nseed: 0\n", f"\nseed: {seed}\n"))
         metrics = [] if ate is None else [Metric("ate", ate, "m", interval)]
         table = {"ms": list(times[0]), "method": list(times[1]), "ms_low": [1.5, np.nan][: len(times[0])]}
@@ -117,6 +119,19 @@ def test_what_was_not_run_is_not_measured_and_a_run_of_a_seed_counts_once(fideli
     assert rows["small"][3:6] == ["`ate` 0.4 m (one run)", "not measured", "**not reached**"]
     assert rows["order"][5] == "**not measured**"
     assert rows["within"][3:6] == ["`times.csv[method=b].ms` 2 [1.5, 2.5] ms (one run)", "–", "**reached**"]
+
+
+def test_a_run_of_before_a_setting_counts_and_one_of_other_components_does_not(fidelity, made, tmp_path):
+    old = made("graph", 0.3)
+    text = (old / "config.yaml").read_text()
+    assert "\n  show: 30\n" in text  # of the study, at its default
+    (old / "config.yaml").write_text("".join(line for line in text.splitlines(True) if "  show:" not in line))
+    other = made("wrong", 0.2)
+    (other / "manifest.json").write_text((other / "manifest.json").read_text().replace("gtsam_batch", "gtsam_gnc"))
+    assert fidelity("report", "logs").rc == 0
+    text = (tmp_path / "fidelity.md").read_text()
+    assert rows_of(text)["small"][3:5] == ["`ate` 0.3 m (one run)", "not measured"]
+    assert "1 runs in the folders are of no claim" in text
 
 
 def test_a_damaged_run_and_a_metric_that_is_not_there_are_told(fidelity, made, tmp_path):
