@@ -302,6 +302,13 @@ def test_springs_that_do_not_come_to_rest_are_said(caplog):
     assert "4 of 4 systems of springs were still moving after 3 iterations" in caplog.text
 
 
+def test_springs_far_softer_than_their_dampers_creep_and_are_not_settled(caplog):
+    Spring(constants=Constants.inverse_square, slope=1e-9, iterations=50, starts=2).embed(
+        noisy(0), np.random.default_rng(0)
+    )
+    assert "2 of 2 systems of springs were still moving after 50 iterations" in caplog.text
+
+
 def test_a_map_in_pieces_is_said(caplog):
     points = np.array([[[0.0, 0], [1, 0], [0, 1], [50, 0], [51, 0], [50, 1]]])
     made = Smacof(threshold=3.0).embed(distances(points), np.random.default_rng(0))

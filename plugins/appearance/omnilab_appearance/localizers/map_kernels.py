@@ -51,7 +51,8 @@ def _settle(p, lengths, stiffness, damping, verlet, step, tolerance, limit, mark
     A rotation of the whole does not count: dampers along the springs do not damp it, and eq. 4 excites it.
     """
     velocity, force, before = np.zeros_like(p), np.empty_like(p), np.empty_like(p)
-    least_power = tolerance * tolerance * np.sum(damping)
+    slowest = tolerance * min(1.0, np.max(stiffness))  # springs far softer than their dampers creep
+    least_power = slowest * slowest * np.sum(damping)
     energy, power = _forces(p, velocity, lengths, stiffness, damping, force)
     released = RELEASED * energy
     for iteration in range(limit + 1):
