@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnilab.api import Bytes, Camera, Floats, Heights, Signatures, check_settings, setting
+from omnilab.api import Bools, Bytes, Camera, Floats, Heights, Signatures, check_settings, setting
 from omnilab.geometry import wrap_angle
 from omnilab.image import view_of
 from omnilab_appearance.common.image_pairs import check_pairs
@@ -62,13 +62,23 @@ def radial_displacement(test_xy: Floats, reference_xy: Floats, tolerance_rad: fl
     """Mean displacement towards the centre, share of inliers, and rotation, of ends (K, 2) about the centre."""
     if len(test_xy) == 0:
         return np.nan, 0.0, 0.0
+    rotation, agreeing = common_rotation(test_xy, reference_xy, tolerance_rad)
+    test_xy, reference_xy = test_xy[agreeing], reference_xy[agreeing]
+    inwards = np.sign(np.linalg.norm(reference_xy, axis=1) - np.linalg.norm(test_xy, axis=1))
+    moved = inwards * np.linalg.norm(derotated(test_xy, rotation) - reference_xy, axis=1)
+    return float(moved.mean()), len(moved) / len(agreeing), rotation
+
+
+def common_rotation(test_xy: Floats, reference_xy: Floats, tolerance_rad: float) -> tuple[float, Bools]:
+    """The rotation of the test that most matches, ends (K, 2) about the centre, agree with, and which (K,) do."""
     difference = np.arctan2(reference_xy[:, 1], reference_xy[:, 0]) - np.arctan2(test_xy[:, 1], test_xy[:, 0])
     agreeing = np.abs(wrap_angle(difference[:, None] - difference)) <= tolerance_rad
     best = int(agreeing.sum(axis=1).argmax())
     rotation = difference[best] + wrap_angle(difference[agreeing[best]] - difference[best]).mean()
-    test_xy, reference_xy = test_xy[agreeing[best]], reference_xy[agreeing[best]]
-    cos, sin = np.cos(rotation), np.sin(rotation)
-    derotated = test_xy @ np.array([[cos, sin], [-sin, cos]])
-    inwards = np.sign(np.linalg.norm(reference_xy, axis=1) - np.linalg.norm(test_xy, axis=1))
-    moved = inwards * np.linalg.norm(derotated - reference_xy, axis=1)
-    return float(moved.mean()), len(moved) / len(difference), float(rotation)
+    return float(rotation), agreeing[best]
+
+
+def derotated(xy: Floats, rotation_rad: float) -> Floats:
+    """Points (K, 2) turned about the centre."""
+    cos, sin = np.cos(rotation_rad), np.sin(rotation_rad)
+    return np.asarray(xy @ np.array([[cos, sin], [-sin, cos]]))
