@@ -81,7 +81,10 @@ def surfaces(places_m: Floats, fields: Mapping[str, Floats], truth_m: Floats) ->
     rows = -(-len(fields) // columns)
     figure = blank_figure(2.6 * columns, 2.9 * rows)
     x, y = (np.unique(places_m[:, axis].round(6)) for axis in (0, 1))
-    for axes, (name, field) in zip(figure.subplots(rows, columns, squeeze=False).flat, fields.items(), strict=False):
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes in panels[len(fields) :]:
+        axes.set_axis_off()
+    for axes, (name, field) in zip(panels, fields.items(), strict=False):
         mesh = np.full((len(y), len(x)), np.nan)  # places that are not free stay blank
         mesh[np.searchsorted(y, places_m[:, 1].round(6)), np.searchsorted(x, places_m[:, 0].round(6))] = field
         axes.pcolormesh(x, y, mesh, cmap="viridis_r", shading="nearest")
