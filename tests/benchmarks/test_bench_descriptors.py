@@ -8,11 +8,16 @@ from skimage.feature import hog
 from skimage.filters import gabor
 
 from omnilab_appearance import (
+    FourierPhase,
     FourierSignature,
     Gist,
+    GistGrid,
     Hog,
+    HogGrid,
     RadonGist,
+    RadonGistGrid,
     RadonHog,
+    RadonHogGrid,
     RingKey,
     RotationalPca,
     Sift,
@@ -101,7 +106,11 @@ def test_bench_gist_by_scikit_image(benchmark):
 
 
 @pytest.mark.benchmark(group="description of 64 images, each descriptor as it comes")
-@pytest.mark.parametrize("descriptor", [RadonGist(), RadonHog(), Sift(), Surf()], ids=lambda d: type(d).__name__)
+@pytest.mark.parametrize(
+    "descriptor",
+    [RadonGist(), RadonGistGrid(), RadonHog(), RadonHogGrid(), Sift(), Surf()],
+    ids=lambda d: type(d).__name__,
+)
 def test_bench_of_mirror_images(benchmark, descriptor):
     benchmark.pedantic(descriptor.describe, (MIRRORS,), rounds=2, warmup_rounds=1)
     each(benchmark, IMAGES)
@@ -109,7 +118,9 @@ def test_bench_of_mirror_images(benchmark, descriptor):
 
 @pytest.mark.benchmark(group="description of 64 images, each descriptor as it comes")
 @pytest.mark.parametrize(
-    "descriptor", [RingKey(), TinyImage(), FourierSignature(), Gist()], ids=lambda d: type(d).__name__
+    "descriptor",
+    [RingKey(), TinyImage(), FourierSignature(), FourierPhase(), Hog(), HogGrid(), Gist(), GistGrid()],
+    ids=lambda d: type(d).__name__,
 )
 def test_bench_of_panoramas(benchmark, descriptor):
     benchmark.pedantic(descriptor.describe, (PANORAMAS,), rounds=3, warmup_rounds=1)
