@@ -10,6 +10,7 @@ from omnilab_studies.common.plots import blank_figure, plain_axes, plain_logarit
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+BESIDE = [(5, 5), (5, -10), (-18, 5), (-18, -10)]  # points from a mark: where the labels of one method stand
 Rows = Sequence[Mapping[str, Any]]
 
 
@@ -19,7 +20,8 @@ def density(rows: Rows) -> Figure:
     panels = figure.subplots(1, 3)
     several = len({row["filter"] for row in rows}) > 1
     names = list(dict.fromkeys((row["filter"], row["label"]) for row in rows))
-    for (name, label), style in zip(names, style_of([f"{a} {b}" for a, b in names]).values(), strict=True):
+    styles = style_of([f"{a} {b}" for a, b in names]).values()
+    for k, ((name, label), style) in enumerate(zip(names, styles, strict=True)):
         own = sorted(
             (row for row in rows if (row["filter"], row["label"]) == (name, label)), key=lambda row: row["views"]
         )
@@ -28,15 +30,13 @@ def density(rows: Rows) -> Figure:
             axes.plot([row["views"] for row in own], [row[key] for row in own], **style, label=shown)
         for row in own:
             panels[0].annotate(
-                f"{row['threshold']:g}",
-                (row["views"], row["rms_m"]),
-                xytext=(4, 4),
-                textcoords="offset points",
-                fontsize=7,
-            )
-    panels[0].axhline(rows[0]["odometry_rms_m"], color="#8a94a6", linestyle="--", label="odometry")
+                f"{row['threshold']:g}", (row["views"], row["rms_m"]), xytext=BESIDE[k % len(BESIDE)],
+                textcoords="offset points", fontsize=7, color=style["color"],
+            )  # fmt: skip
+    panels[0].margins(x=0.12)  # of the labels
     panels[1].axhline(3, color="#8a94a6", linestyle="--")
-    panels[0].set(ylabel="RMS position error [m]", title="Error, thresholds beside", ylim=(0, None))
+    odometry = f"Error, thresholds beside; odometry: {rows[0]['odometry_rms_m']:.2g} m"
+    panels[0].set(ylabel="RMS position error [m]", title=odometry, ylim=(0, None))
     panels[1].set(ylabel="mean NEES (3 is expected)", title="Consistency", ylim=(0, None))
     panels[2].set(ylabel="processor time of an image [ms]", title="Time", ylim=(0, None))
     for axes in panels:
