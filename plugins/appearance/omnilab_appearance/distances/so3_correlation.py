@@ -20,7 +20,7 @@ class So3Correlation:
 
     For `spherical_harmonics`. The correlation is computed by Fourier transforms on SO(3) at rotations 180 / band_limit
     degrees apart, of which those count that tilt one camera's z axis against the other's by at most `largest_tilt_deg`:
-    less is faster, and what cannot be is not answered. Where both cameras see a part of the sphere, it is Pearson's over
+    less is faster, and what cannot be is not answered, but for half a step that the refinement may add. Where both cameras see a part of the sphere, it is Pearson's over
     what both see, at least `least_overlap` of the smaller part. For the nearest `refined` places of each query the peak
     is refined between the rotations of the grid; for the others distance and rotation are those of the grid.
     """
