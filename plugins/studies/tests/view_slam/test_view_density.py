@@ -194,7 +194,9 @@ def test_thresholds_that_cannot_be_are_refused(changed, message):
         replace(STUDY, **changed)
 
 
-def test_parts_that_are_missing_are_named():
+def test_parts_that_are_missing_or_not_used_are_named():
+    with pytest.raises(ConfigError, match=r"sensors\.known is not used: these maps begin empty; leave it out"):
+        STUDY.run(parts(sensors={"known": Street()}), Recorder(), np.random.default_rng(0))
     with pytest.raises(ConfigError, match=r"odometries\.NAME=guided_epipolar"):
         STUDY.run(parts(odometries={}), Recorder(), np.random.default_rng(0))
     with pytest.raises(ConfigError, match="needs view filters"):

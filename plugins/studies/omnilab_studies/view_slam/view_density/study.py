@@ -92,10 +92,12 @@ class ViewDensity:
         filters = simulated_filters_of(parts)
         if not parts.odometries:
             raise ConfigError("this study relates images; give +odometry@odometries.NAME=guided_epipolar, or several")
+        if parts.sensors:
+            raise ConfigError(f"sensors.{next(iter(parts.sensors))} is not used: these maps begin empty; leave it out")
         drive = ViewSlam(self.images, self.path, self.every_m, self.every_rad, self.height_m)
         plan, seed = drive.planned(parts), int(rng.integers(2**32))
-        kept = len(plan) * len(parts.odometries)
-        check_work("features of all images", "give fewer images or odometries", memory=kept * FEATURE_BYTES)
+        kept = min(self.references, len(plan)) * len(parts.odometries)
+        check_work(f"features of {kept} images", "give fewer study.references", memory=kept * FEATURE_BYTES)
         start_logs(record, VIEW_SLAM, parts.sensor)
         assert plan.T_world_camera is not None
         record.log("truth", line(vectors(plan.T_world_camera, planar=True), TRUTH))
