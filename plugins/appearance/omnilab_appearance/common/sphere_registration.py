@@ -9,7 +9,7 @@ import numpy as np
 
 from omnilab.api import Floats
 from omnilab_appearance.common.so3_correlation import at_rotations, correlate
-from omnilab_appearance.common.spherical_harmonics import Complexes, rotation_zyz
+from omnilab_appearance.common.spherical_harmonics import Complexes, rotation_zyz, zyz_of
 
 NOISE = 1e-2  # of a picture's variance: where the overlap varies less, its correlation is rounding
 PARTS = 3  # m f, m f^2, m
@@ -31,31 +31,43 @@ def peaks(one: Complexes, others: Complexes, betas_rad: Floats, least_overlap: f
     return found.reshape(len(others), -1)[np.arange(len(best)), best], rotation_zyz(i * step, betas_rad[k], j * step)
 
 
-def refined(one: Complexes, other: Complexes, R: Floats, step_rad: float, least_overlap: float) -> tuple[float, Floats]:
+def refined(
+    one: Complexes, other: Complexes, R: Floats, step_rad: float, least_overlap: float, largest_tilt_rad: float = np.pi
+) -> tuple[float, Floats]:
     """The correlation and the rotation (3, 3) at the peak near R, by Newton's steps on quadratics fitted around it.
 
-    Each round looks half as far as the one before, and keeps the best rotation of all it tried.
+    Each round looks half as far as the one before, and keeps the best rotation of all it tried. Those that tilt z axes
+    apart by more than `largest_tilt_rad` are brought back to that.
     """
     best = -np.inf
     for _ in range(ROUNDS):
-        tries = _exponential(step_rad * STENCIL) @ R
+        tries = _bounded(_exponential(step_rad * STENCIL) @ R, largest_tilt_rad)
         values = _at(one, other, tries, least_overlap)
-        newton = _exponential(step_rad * _vertex(values)[None]) @ R
+        newton = _bounded(_exponential(step_rad * _vertex(values)[None]) @ R, largest_tilt_rad)
         tries, values = np.concatenate([tries, newton]), np.append(values, _at(one, other, newton, least_overlap))
         best, R = float(values.max()), tries[values.argmax()]
         step_rad /= 2
     return best, R
 
 
+def _bounded(R: Floats, largest_tilt_rad: float) -> Floats:
+    """Rotations (n, 3, 3) with the angle between the z axes at most so large."""
+    alpha, beta, gamma = zyz_of(R)
+    return rotation_zyz(alpha, np.minimum(beta, largest_tilt_rad), gamma)
+
+
 def _vertex(values: Floats) -> Floats:
-    """The vertex (3,), in steps and at most one away along each axis, of the quadratic through values at `STENCIL`; 0: none."""
+    """The vertex (3,), in steps and at most one away along each axis, of the quadratic through values at `STENCIL`.
+
+    Along principal axes on which it does not bend down it is where it was.
+    """
     x, y, z = STENCIL.T
     A = np.stack([np.ones_like(x), x, y, z, x * x / 2, y * y / 2, z * z / 2, x * y, x * z, y * z], 1)
     _, gx, gy, gz, xx, yy, zz, xy, xz, yz = np.linalg.lstsq(A, values, rcond=None)[0]
-    H = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    if np.linalg.eigvalsh(H)[-1] >= 0:
-        return np.zeros(3)
-    return np.asarray(np.clip(-np.linalg.solve(H, [gx, gy, gz]), -1, 1))
+    bend, axes = np.linalg.eigh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    along = axes.T @ [gx, gy, gz]
+    down = bend < -1e-9 * max(1e-9, np.abs(bend).max())
+    return np.asarray(np.clip(axes @ np.divide(-along, bend, out=np.zeros(3), where=down), -1, 1))
 
 
 def _at(one: Complexes, other: Complexes, R: Floats, least_overlap: float) -> Floats:

@@ -20,7 +20,7 @@ class So3Correlation:
 
     For `spherical_harmonics`. The correlation is computed by Fourier transforms on SO(3) at rotations 180 / band_limit
     degrees apart, of which those count that tilt one camera's z axis against the other's by at most `largest_tilt_deg`:
-    less is faster, and what cannot be is not answered, but for half a step that the refinement may add. Where both cameras see a part of the sphere, it is Pearson's over
+    less is faster, and what cannot be is not answered. Where both cameras see a part of the sphere, it is Pearson's over
     what both see, at least `least_overlap` of the smaller part. For the nearest `refined` places of each query the peak
     is refined between the rotations of the grid; for the others distance and rotation are those of the grid.
     """
@@ -51,7 +51,8 @@ class So3Correlation:
                 f"queries of band limit {spheres.shape[2]} cannot be compared with places of {index.shape[2]}; describe"
                 " both with the same settings"
             )
-        betas = betas_of(spheres.shape[2], np.deg2rad(self.largest_tilt_deg))
+        largest = float(np.deg2rad(self.largest_tilt_deg))
+        betas = betas_of(spheres.shape[2], largest)
         correlation = np.empty((len(queries), len(index)))
         rotation = np.empty((len(queries), len(index), 3, 3))
         for q, sphere in enumerate(spheres):
@@ -59,7 +60,7 @@ class So3Correlation:
             rotation[q] = np.swapaxes(turned, -1, -2)  # from the query's frame to the place's
             for p in np.argsort(-correlation[q], kind="stable")[: self.refined]:
                 step = np.pi / (2 * spheres.shape[2])
-                value, R = refined(sphere, index[p], rotation[q, p].T, step, self.least_overlap)
+                value, R = refined(sphere, index[p], rotation[q, p].T, step, self.least_overlap, largest)
                 correlation[q, p], rotation[q, p] = value, R.T
         heading = np.arctan2(rotation[..., 1, 0] - rotation[..., 0, 1], rotation[..., 0, 0] + rotation[..., 1, 1])
         return Match((1 - correlation).astype(np.float32), wrap_angle(heading).astype(np.float32), rotation)

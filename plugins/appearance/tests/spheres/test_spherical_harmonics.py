@@ -163,6 +163,18 @@ def test_a_mirrors_tilt_is_found_in_what_both_see():
     np.testing.assert_allclose(np.rad2deg(heading), [40, 170, 0, -75], atol=1)
 
 
+def test_no_answer_tilts_more_than_it_may():
+    turned = Rotation.from_euler("z", [[20], [-133], [90.5], [7]], degrees=True).as_matrix()
+    harmonics, distance = SphericalHarmonics(band_limit=12), So3Correlation(largest_tilt_deg=0)
+    index = distance.prepare(harmonics.describe(pictures(COEFFICIENTS)))
+    upright = distance.match(harmonics.describe(pictures(seen_rotated(turned))), index)
+    assert angles_deg(own_rotations(upright), turned).max() < 0.1
+    leaning = distance.match(harmonics.describe(pictures(seen_rotated(ROTATIONS))), index)
+    np.testing.assert_allclose(leaning.R_place_query[..., 2, 2], 1, atol=1e-12)
+    some = So3Correlation(largest_tilt_deg=10).match(harmonics.describe(pictures(seen_rotated(ROTATIONS))), index)
+    assert np.rad2deg(np.arccos(some.R_place_query[..., 2, 2])).max() < 10 + 1e-6
+
+
 def test_gain_and_offset_of_the_light_change_nothing():
     harmonics = SphericalHarmonics(band_limit=LIMIT)
     first = harmonics.describe(pictures(COEFFICIENTS)).place
