@@ -17,7 +17,7 @@ from omnilab.runner.run_folder import load_run
 
 Found = Mapping[str, Sequence[ComparedRun]]  # by the name of the `ClaimRun`, one a seed
 NOTHING = "–"
-TITLE = "# What the publications claim, and what omnilab measures"
+TITLE = "# What the publications claim, and what is measured"
 INTRODUCTION = """\
 Made by `omnilab fidelity report` from run folders; nothing in it is typed by hand. The claims, with the recipes and
 metrics that test them, are in [conf/claims](../conf/claims). *Its protocol* is as the publication measured, *variant* a better
