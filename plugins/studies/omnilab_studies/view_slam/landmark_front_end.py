@@ -77,9 +77,12 @@ class LandmarkMapper:
         self._before, self._age = descriptors, age
 
     def _take_landmarks(self, image: int, directions: Floats, descriptors: Floats, found: Ints) -> list[str]:
-        """Features that were followed long enough become landmarks, strongest first, where none is near in the image."""
+        """Features that were followed long enough become landmarks, strongest first, where none is near in the image.
+
+        Those of the first image at once: only there the robot knows where it is.
+        """
         s = self._settings
-        free = np.setdiff1d(np.flatnonzero(self._age >= s.followed), found)
+        free = np.setdiff1d(np.flatnonzero(self._age >= (s.followed if self.images else 1)), found)
         new: list[int] = []
         for feature in free:
             if len(found) + len(new) >= s.wanted:

@@ -87,21 +87,28 @@ def test_descriptors_match_where_both_are_nearest_and_the_second_best_is_far():
     assert matched(np.zeros((0, 0), np.float32), seen, 0.8)[0].size == 0
 
 
-def test_features_that_are_followed_become_landmarks_and_are_seen_in_their_true_directions():
+def test_the_first_features_are_landmarks_and_are_seen_in_their_true_directions():
     mapper = LandmarkMapper(Points(), LandmarkSettings(wanted=12, followed=3, apart_deg=1.0), np.zeros(3))
-    for i in range(6):
+    for i in range(3):
         pose = np.array([0.1 * i, 0.02 * i, 0.05 * i])
         found = mapper.process(i, features_at(pose), None if i == 0 else np.array([0.1, 0.02, 0.05]), np.eye(3))
-        assert len(mapper.images) == (0 if i < 2 else 12)
-        assert len(found.views) == (0 if i < 3 else 12)
-        if i > 2:
-            off = POINTS[found.views] - [*pose[:2], 0]  # strongest first: the first points are the first landmarks
-            assert wrap_angle(found.angles_rad[:, 0] - np.arctan2(off[:, 1], off[:, 0]) + pose[2]) == pytest.approx(
-                0, abs=1e-5
-            )
+        assert mapper.images == [0] * 12  # the strongest: the first points
+        assert len(found.views) == (0 if i == 0 else 12)
+        if i > 0:
+            off = POINTS[found.views] - [*pose[:2], 0]
+            bearings = np.arctan2(off[:, 1], off[:, 0]) - pose[2]
+            assert wrap_angle(found.angles_rad[:, 0] - bearings) == pytest.approx(0, abs=1e-5)
             assert found.angles_rad[:, 1] == pytest.approx(np.arctan2(off[:, 2], np.hypot(*off[:, :2].T)), abs=1e-5)
-    assert mapper.images == [2] * 12
-    assert mapper.clock.variables == [3, 3, 63, 63, 63, 63]
+    assert mapper.clock.variables == [63, 63, 63]
+
+
+def test_later_features_become_landmarks_when_they_were_followed():
+    mapper = LandmarkMapper(Points(), LandmarkSettings(wanted=12, followed=3, apart_deg=1.0), np.zeros(3))
+    mapper.process(0, features_at(np.zeros(3), slice(0, 2)), None, None)
+    for i in range(1, 6):
+        mapper.process(i, features_at(np.zeros(3)), np.zeros(3), np.eye(3))
+        assert len(mapper.images) == (2 if i < 3 else 12)
+    assert mapper.images == [0] * 2 + [3] * 10
 
 
 def test_what_is_lost_is_replaced_and_new_landmarks_keep_apart():
@@ -183,7 +190,7 @@ def test_landmarks_are_mapped_beside_views_and_counted():
     found = {metric.name: metric.value for metric in report.metrics}
     assert found["points_views"] == 30
     assert found["points_variables"] == 3 + 5 * 30
-    assert found["points_observed"] == 30 * (found["images"] - 4)
+    assert found["points_observed"] == 30 * (found["images"] - 1)
     assert found["points_rms"] == pytest.approx(0, abs=1e-9)
     assert report.tables["times"]["variables"] == [153]
     assert set(report.figures) == {"points", "cost"}
