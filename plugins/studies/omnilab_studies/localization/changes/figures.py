@@ -19,8 +19,13 @@ def rates(rows: Sequence[Mapping[str, Any]]) -> Figure:
     """Nearest, second and wrong answers in every condition, a panel a method (thesis, figure 4.18)."""
     names = list(dict.fromkeys(row["method"] for row in rows))
     conditions = list(dict.fromkeys(row["condition"] for row in rows))
-    figure = blank_figure(1.6 + 0.75 * len(conditions) * len(names), 4.2)
-    for axes, name in zip(figure.subplots(1, len(names), squeeze=False, sharey=True)[0], names, strict=True):
+    columns = min(4, len(names))
+    lines = -(-len(names) // columns)
+    figure = blank_figure(1.6 + 0.75 * len(conditions) * columns, 0.6 + 3.6 * lines)
+    panels = figure.subplots(lines, columns, squeeze=False, sharey=True)
+    for axes in panels.flat[len(names) :]:
+        axes.set_axis_off()
+    for axes, name in zip(panels.flat, names, strict=False):
         own = [row for row in rows if row["method"] == name]
         under = np.zeros(len(own))
         for verdict in VERDICTS:
@@ -33,10 +38,11 @@ def rates(rows: Sequence[Mapping[str, Any]]) -> Figure:
             axes.text(
                 x, 100 * row["nearest_rate"] / 2, f"{100 * row['nearest_rate']:.0f} %", ha="center", color="white"
             )
-        axes.set_xticks(range(len(own)), [row["condition"] for row in own], rotation=30, ha="right")
+        axes.set_xticks(range(len(own)), [row["condition"].replace("_", " ") for row in own], rotation=30, ha="right")
         axes.set(ylim=(0, 100), title=name.replace("_", " "))
         axes.spines[["top", "right"]].set_visible(False)
-    figure.axes[0].set_ylabel("queries [%]")
+    for axes in panels[:, 0]:
+        axes.set_ylabel("queries [%]")
     figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
     return figure
 
