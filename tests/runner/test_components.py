@@ -37,7 +37,7 @@ def test_help_names_commands_components_and_experiments(omnilab_here: Callable[.
     rc, out, err = omnilab_here("--help")
     assert (rc, err) == (0, "")
     assert (
-        "omnilab plugins | runs | repeat | repair | sweep | compare | submit | check | report | serve | view | world "
+        "omnilab plugins | runs | repeat | repair | sweep | compare | fidelity | submit | check | report | serve | view | world "
         in out
     )
     for kind in KINDS:
