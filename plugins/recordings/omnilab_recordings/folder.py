@@ -279,7 +279,7 @@ class Folder:
         try:
             return ImageCircle(width, height, circle_of(self.circle_px, sample), self.sky_inside)
         except DataError as error:
-            other = proposal(sample, circle_was_found=True)
+            other = proposal(sample, given=self.circle_px is not None)
             raise DataError(str(error) if other is None else f"{error}; or, as {other}") from error
 
     def _declared(self, sample: Sequence[DecodedImage]) -> Panorama | None:
@@ -340,7 +340,7 @@ class Folder:
                     f"the set names={self.names} is of {PLURALS[preset]} as published, but the pictures are {shape.width} x"
                     f" {shape.height} pixels: they are taken for mirror pictures"
                 )
-            return proposal(alike, circle_was_found=not self.guessed_circle)
+            return proposal(alike, None if self.guessed_circle else shape.circle, given=self.circle_px is not None)
         if self._declared(alike) is None or (sentence := doubt(alike)) is None:
             return None
         return f"{sentence} sensor.panorama" if self.panorama else f"{sentence} sensor.names={self.names}"

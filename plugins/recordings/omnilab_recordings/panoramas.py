@@ -81,13 +81,15 @@ def proposed(sample: Sequence[DecodedImage]) -> tuple[Panorama | None, bool]:
     return (Panorama.strip, closed) if closed or width >= NO_MIRROR * height else (None, False)
 
 
-def proposal(sample: Sequence[DecodedImage], circle_was_found: bool = False) -> str | None:
+def proposal(sample: Sequence[DecodedImage], circle: Circle | None = None, given: bool = False) -> str | None:
     """The sentence that proposes a kind of panorama for images that would be taken for mirror pictures.
 
-    Where a circle was found in them, or was given, only if they close on themselves, or are as wide as no mirror's frame.
+    Where a whole circle was found in them, or one was given, only if they close on themselves, or are as wide as no mirror's
+    frame.
     """
     kind, closed = proposed(sample)
     height, width = sample[0].shape
+    circle_was_found = given or (circle is not None and is_whole(circle, height))
     if kind is None or (circle_was_found and not closed and width < NO_MIRROR * height):
         return None
     shape = "2:1" if kind is Panorama.equirectangular else f"{width / height:.3g}:1"
@@ -129,7 +131,16 @@ def _mirror(sample: Sequence[DecodedImage]) -> Circle | None:
         circle = circle_of(None, sample)
     except DataError:
         return None
-    return None if circle == inscribed((height, width)) else circle
+    return None if circle == inscribed((height, width)) or not is_whole(circle, height) else circle
+
+
+def is_whole(circle: Circle, height: int) -> bool:
+    """Whether a frame so high shows a circle from top to bottom, give or take a tenth of its radius.
+
+    Of a sphere whose ends are dark one may be found that reaches far beyond the frame.
+    """
+    slack = 0.1 * circle.radius
+    return circle.radius <= circle.cy + slack and circle.cy + circle.radius <= height - 1 + slack
 
 
 def closes(sample: Sequence[DecodedImage]) -> bool | None:

@@ -9,6 +9,8 @@ from enum import Enum
 import numpy as np
 
 from omnilab.api import (
+    Bytes,
+    CalibratedCamera,
     Floats,
     Frames,
     ImageFeatures,
@@ -20,7 +22,7 @@ from omnilab.api import (
     setting,
 )
 from omnilab.errors import ConfigError
-from omnilab.image import view_of
+from omnilab.image import to_gray, view_of
 from omnilab_appearance.common.feature_surfaces import FeatureSurface, surface_features
 from omnilab_appearance.common.ground_scale import GroundStep, ground_step
 from omnilab_appearance.common.local_features import Detector
@@ -34,6 +36,7 @@ from omnilab_appearance.common.spherical_features import (
 )
 from omnilab_appearance.descriptors.radon import Radon
 from omnilab_appearance.distances.poc_squared import PocSquared
+from omnilab_appearance.odometries.floor_image import floor_pictures, floor_step
 
 UNIT_STEP = GroundStep(1.0, 1.0, 0)  # where nothing is known of a length but that there is one
 POC_SPREAD = 0.25  # standard deviation of a length by POC, of the length
@@ -43,6 +46,7 @@ class Length(Enum):
     """What the length of a translation is estimated from."""
 
     floor = "floor"
+    floor_image = "floor_image"
     poc = "poc"
     unit = "unit"
 
@@ -54,14 +58,22 @@ class RadonFeatures(ImageFeatures):
     radon: Floats  # (offsets, angles) of the mirror image
 
 
+@dataclass(frozen=True, eq=False)
+class FloorFeatures(ImageFeatures):
+    """Local features of an image, and the floor as seen from above, which lengths are estimated from."""
+
+    floor: Bytes  # (S, S)
+
+
 @dataclass
 class PlanarEpipolar:
     """Rotation and direction from matched features on the unit sphere (view-based SLAM, 3.2), the length by the floor.
 
     Features are found on the panorama and matched; planar motion has two unknowns up to scale, which RANSAC finds from
     two matches, or from four by the linear equations as printed, and Gauss-Newton refines with their covariance. The
-    length is that of matched points of the floor, in heights of the camera above it (metres with `height_m`), or the
-    squared POC distance of the Radon transforms (Berenguer, thesis, eq. 6.4-6.5), in its own unit.
+    length is that of matched points of the floor, in heights of the camera above it (metres with `height_m`), or that of
+    the floor's pictures, which takes a sharp camera and finds faint textures (`floor_image`), or the squared POC distance
+    of the Radon transforms (Berenguer, thesis, eq. 6.4-6.5), in its own unit.
 
     The panorama has the camera's own resolution: `omnilab.image.panorama_shape`. Fewer `panorama_rows` save time, and
     more `features` match images farther apart.
@@ -81,7 +93,9 @@ class PlanarEpipolar:
     tolerance_deg: float = setting(0.5, above=0, at_most=10)  # of a match from its epipolar plane
     draws: int = setting(300, at_least=1, at_most=1_000_000)  # of RANSAC, at most
     least_matches: int = setting(12, at_least=5)  # inliers; with fewer the estimate fails
-    length: Length = Length.floor  # by points of the floor; or poc, by the Radon transforms; unit: 1, for want of any
+    length: Length = (
+        Length.floor
+    )  # by points of the floor; floor_image: by its pictures; poc, by the Radon transforms; unit: 1
     height_m: float | None = setting(None, above=0)  # of the camera above the floor; not given: lengths in that height
 
     def __post_init__(self) -> None:
@@ -103,12 +117,21 @@ class PlanarEpipolar:
         """Features of each image on the unit sphere; DataError for an uncalibrated camera."""
         check_calibrated(frames.camera, "odometry=appearance")
         found = self._features(frames)
+        if self.length is Length.floor_image:
+            return self._with_floor(frames, found)
         if self.length is not Length.poc:
             return found
         transforms = Radon().describe(view_of(frames.images, frames.camera, "mirror", False)).place
         return [
             f if isinstance(f, Unusable) else RadonFeatures(f.directions, f.azimuth_level, f.vectors, transform)
             for f, transform in zip(found, transforms, strict=True)
+        ]
+
+    def _with_floor(self, frames: Frames, found: list[ImageFeatures | Unusable]) -> list[ImageFeatures | Unusable]:
+        assert isinstance(frames.camera, CalibratedCamera)
+        return [
+            f if isinstance(f, Unusable) else FloorFeatures(f.directions, f.azimuth_level, f.vectors, floor)
+            for f, floor in zip(found, floor_pictures(to_gray(frames.images), frames.camera), strict=True)
         ]
 
     def _features(self, frames: Frames) -> list[ImageFeatures | Unusable]:
@@ -127,8 +150,11 @@ class PlanarEpipolar:
             return self._motion(before, now, i, j, pose, UNIT_STEP)
         if self.length is Length.poc:
             return self._motion(before, now, i, j, pose, _poc_step(before, now))
-        p, q = directions_of(before)[i], directions_of(now)[j]
-        step = ground_step(p[pose.agree], q[pose.agree], pose.phi, pose.beta, pose.noise_rad)
+        if self.length is Length.floor_image:
+            step = _floor_step(before, now, pose)
+        else:
+            p, q = directions_of(before)[i], directions_of(now)[j]
+            step = ground_step(p[pose.agree], q[pose.agree], pose.phi, pose.beta, pose.noise_rad)
         height = self.height_m or 1.0
         scaled = step._replace(length=height * step.length, variance=height**2 * step.variance)
         return self._motion(before, now, i, j, pose, scaled)
@@ -163,9 +189,15 @@ class PlanarEpipolar:
 
     @property
     def _unit(self) -> str:
-        if self.length is not Length.floor:
+        if self.length not in {Length.floor, Length.floor_image}:
             return "1"
         return "camera heights" if self.height_m is None else "m"
+
+
+def _floor_step(before: ImageFeatures, now: ImageFeatures, pose: RelativePose) -> GroundStep:
+    if not (isinstance(before, FloorFeatures) and isinstance(now, FloorFeatures)):
+        raise ConfigError("length=floor_image was given features that were extracted with another; use one for both")
+    return floor_step(before.floor, now.floor, pose.phi, pose.beta)
 
 
 def _poc_step(before: ImageFeatures, now: ImageFeatures) -> GroundStep:
