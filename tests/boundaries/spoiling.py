@@ -33,7 +33,7 @@ ALLOWED: dict[str, set[str]] = {
     "localizer.embed.iterations": {"1 << 40"},
     "localizer.locate.heading_rad": {"nan", "None"},  # not known
     "sensor.frames.depth_m": {"nan", "inf", "None"},
-    **{path: {"None"} for path in ("sensor.plan.T_world_camera", "sensor.frames.T_world_camera", "distance.match.rotation_rad", "localizer.locate.field",
+    **{path: {"None"} for path in ("sensor.plan.T_world_camera", "sensor.frames.T_world_camera", "distance.match.rotation_rad", "distance.match.R_place_query", "localizer.locate.field",
          "localizer.track.field", "localizer.track.heading_rad", "odometry.extract[0].directions", "odometry.estimate.matches",
          "odometry.estimate.agree", "odometry.estimate.window_rad", "backend.optimize.covariances", "backend.optimize.trusted",
     )},

@@ -135,6 +135,7 @@ def _grown(graph: Any) -> Any:
 
 
 FIELD = np.ones((3, 3), np.float32)
+ROTATIONS = np.tile(np.eye(3), (*FIELD.shape, 1, 1))
 FEATURES = ImageFeatures(np.eye(3, dtype=np.float32), np.zeros((3, 2), np.float32), np.ones((3, 8), np.uint8))
 ATTACKED = [
     Attacked("sensor", "plan", PLAN, lambda sensor: sensor.plan(None)),
@@ -144,7 +145,7 @@ ATTACKED = [
     Attacked("disturbance", "apply", IMAGES, lambda disturbance: disturbance.apply(IMAGES, CAMERA, [None] * 3)),
     Attacked("descriptor", "describe", SIGNATURES, lambda descriptor: descriptor.describe(IMAGES)),
     Attacked("descriptor", "state", {"basis": np.eye(3)}, lambda descriptor: descriptor.state()),
-    Attacked("distance", "match", Match(FIELD, FIELD), _localized("match")),
+    Attacked("distance", "match", Match(FIELD, FIELD, ROTATIONS), _localized("match")),
     Attacked("localizer", "locate", Estimates(np.arange(3), FIELD[0], POSES[:, :3, 3], FIELD[0], FIELD), _localized("locate")),
     Attacked("localizer", "track", Estimates(np.arange(3), FIELD[0], POSES[:, :3, 3]), _localized("track", POSES[:, :3, 3])),
     Attacked("localizer", "embed", Embedding(np.zeros((1, 3, 2)), np.zeros(1), np.ones(1, int), np.zeros((4, 1, 3, 2))),

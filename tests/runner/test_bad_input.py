@@ -71,7 +71,7 @@ def refused(omnilab_here):
         (["cache_gb=0"], ["cache_gb=0", "above 0", "a number above 0"]),
         (["descriptor=null"], ["null", "~descriptor"]),
         (["~descriptor"], ["needs a descriptor", "descriptor=fourier_phase|fourier_signature|gist", "|radon|"]),
-        (["~localizer"], ["needs a localizer", "localizer=bayes_filter|hierarchical", "|nearest|"]),
+        (["~localizer"], ["needs a localizer", "localizer=bayes_filter|gower|hierarchical", "|nearest|"]),
         (["sensor.size=[1"], ["[1"]),
         (["study.step_m"], ["study.step_m"]),
         (["experiment=recorded_grid"], ["sensor.path", "sensor.path=VALUE"]),

@@ -17,11 +17,14 @@ from omnilab.runner.run_folder import load_run
 from omnilab.runner.sweeps.objective import check_objective, described, is_declared, value_of
 from omnilab_studies import Grid
 
-RUNS = Path(__file__).parents[1] / "data" / "runs_0_1"
+DATA = Path(__file__).parents[1] / "data"
 ALONE = ("rms_to_clean", "ate", "chi2", "chi2_before", "wrong_rejected", "true_rejected", "rpe_metre", "drift", "scale",
          "iterations", "problems", "start_gap", "rejected", "trusted", "cost_from_START")  # fmt: skip
-OTHERWISE = {  # declared metrics that the runs of these studies have under other settings only
+OTHERWISE = {  # declared metrics that these runs have not: they need other settings, or came after version 0.1.0
     "localize": {"distance_median"}, "render": {"cloud_points"}, "joint": {"scale"},
+    "local_map": {"error_median_all_points_METHOD_LOCALIZER"}, "room": {"error_median_all_points_METHOD_LOCALIZER"},
+    "topological_map": {"rms_steps_combined_LENGTHS_LOCALIZER_at_STEP_m", "best_rms_steps_LENGTHS_at_STEP_m"},
+    "view_slam": {"FILTER_variables"}, "view_density": {"METHOD_similarity_1m"},
     "pose_graph": {*ALONE, *(f"BACKEND_{name}" for name in (
         "rms_to_clean", "wrong_rejected", "true_rejected", "start_gap", "rejected", "trusted", "cost_from_START"))},
 }  # fmt: skip
@@ -32,7 +35,7 @@ FOUND = {"nearest_rate": 0.9, "wrong_rate": 0.02, "places": 12.0, "queries": 20.
 def measured() -> dict[str, set[str]]:
     """The metrics of the runs that are kept of each study."""
     found: dict[str, set[str]] = {}
-    for folder in (path.parent for path in RUNS.glob("*/metrics.csv")):
+    for folder in (path.parent for path in DATA.glob("runs_*/*/metrics.csv")):
         study = json.loads((folder / "manifest.json").read_text())["components"]["study"]["name"]
         found.setdefault(study, set()).update(load_run(folder).metrics)
     return found

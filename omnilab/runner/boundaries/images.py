@@ -9,7 +9,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from omnilab import api
-from omnilab.runner.boundaries.values import Wrong, array, between, named, number, poses, sentences, typed, unit, within
+from omnilab.runner.boundaries.values import (
+    Wrong,
+    array,
+    between,
+    named,
+    number,
+    poses,
+    rotations,
+    sentences,
+    typed,
+    unit,
+    within,
+)
 
 Memory = dict[Any, Any]  # what is to be remembered of earlier results of a component
 
@@ -81,7 +93,7 @@ def match(found: Any, queries: api.Signatures, index: Any) -> None:
     if found.rotation_rad is not None:
         array(found.rotation_rad, "`rotation_rad`", found.distance.shape)
     if found.R_place_query is not None:
-        array(found.R_place_query, "`R_place_query`", (*found.distance.shape, 3, 3))
+        rotations(found.R_place_query, "`R_place_query`", found.distance.shape)
 
 
 def _places(index: Any) -> int | None:

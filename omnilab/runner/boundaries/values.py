@@ -108,14 +108,28 @@ def within(values: npt.NDArray[Any], name: str, count: int | None, of: str) -> N
         raise Wrong(f"{name} {values.ravel()[first]}, which is no index of {of} ({limit})", first)
 
 
+def rotations(value: Any, name: str, shape: tuple[int, ...]) -> None:
+    """Wrong unless there are rotation matrices (*shape, 3, 3)."""
+    off = _are_no_rotations(array(value, name, (*shape, 3, 3)).reshape(-1, 3, 3))
+    if off.any():
+        raise Wrong(
+            f"{name} that are no rotation matrices ({int(off.sum())} of {off.size}, the first is number"
+            f" {int(np.flatnonzero(off)[0])})"
+        )
+
+
+def _are_no_rotations(R: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
+    """Which of (N, 3, 3) are no rotation matrices, (N)."""
+    off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0) > RIGID
+    return np.asarray(off | (np.linalg.det(R) < 0))
+
+
 def poses(value: Any, name: str, count: int) -> None:
     """Wrong unless there are so many poses (count, 4, 4), all rigid motions."""
     T = array(value, name, (count, 4, 4))
     if not count:
         return
-    R = T[:, :3, :3]
-    off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) > RIGID
-    off |= np.linalg.det(R) < 0
+    off = _are_no_rotations(T[:, :3, :3])
     off |= (np.abs(T[:, 3] - [0, 0, 0, 1]) > RIGID).any(axis=1)
     if off.any():
         first = int(np.flatnonzero(off)[0])

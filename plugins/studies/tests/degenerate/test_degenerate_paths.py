@@ -87,7 +87,7 @@ def test_an_image_in_which_odometry_makes_out_nothing_is_a_failed_step():
             return Motion(np.ones(3), np.eye(3), "m")
 
     record = Recorder()
-    run = ViewMappingRun(Parts(odometry=Blinking()), {}, None, None, 0, record, set(), None)
+    run = ViewMappingRun(Parts(odometry=Blinking()), {}, None, None, None, 0, record, set(), None)
     covariances = [run._motion(None)[1] for _ in range(4)]
     assert [np.array_equal(covariance, FAILED) for covariance in covariances] == [False, True, True, False]
     assert run.failed_steps == 2
