@@ -8,7 +8,8 @@ import pytest
 from omnilab.api import Signatures
 from omnilab.errors import ConfigError, DataError
 from omnilab.testing import check_descriptor
-from omnilab_appearance import Cityblock, RotationalPca
+from omnilab_appearance import Cityblock, Euclidean, RotationalPca
+from omnilab_appearance.descriptors.rotational_pca import Projections
 
 RNG = np.random.default_rng(6)
 PANORAMAS = RNG.integers(0, 256, (5, 8, 48), dtype=np.uint8)
@@ -18,6 +19,7 @@ PCA = RotationalPca(components=6, rotations=12, rows=8)
 def test_the_contract():
     check_descriptor(RotationalPca())
     check_descriptor(RotationalPca(color=True, components=4))
+    check_descriptor(RotationalPca(components=4, projections=Projections.complex))
 
 
 def test_eigenvalues_are_those_of_all_rotated_copies():
@@ -51,6 +53,45 @@ def test_a_turn_keeps_places_and_shifts_headings(steps):
     assert (match.distance.argmin(1) == np.arange(5)).all()
     error = np.angle(np.exp(1j * (match.rotation_rad.diagonal() - 2 * np.pi * steps / 12)))
     assert np.abs(error).max() < np.pi / 12
+
+
+def test_complex_projections_are_those_on_eigenvectors_of_all_rotated_copies():
+    """Their lengths and differences are those of projections on NumPy's eigenvectors of the copies' covariance."""
+    space = RotationalPca(components=6, rotations=12, rows=8, projections=Projections.complex).fit(PANORAMAS)
+    place = space.describe(PANORAMAS).place
+    assert place.shape == (5, 12)
+    place = place.reshape(5, 6, 2)
+    copies = np.stack([np.roll(p, r * 4, axis=1).ravel() for p in PANORAMAS.astype(float) for r in range(12)])
+    mean = copies.mean(0)
+    values, vectors = np.linalg.eigh((copies - mean).T @ (copies - mean))
+    order = np.argsort(-values)
+    single = np.isin(space.frequencies, (0, 6))  # the others share an eigenvalue with their conjugates: a plane each
+    ends = np.cumsum(np.where(single, 1, 2))
+    for i, (end, size) in enumerate(zip(ends, np.where(single, 1, 2), strict=True)):
+        reference = (PANORAMAS.reshape(5, -1) - mean) @ vectors[:, order[end - size : end]]  # (5, size), real
+        gaps = np.linalg.norm(reference[:, None] - reference, axis=2) / np.sqrt(size)
+        np.testing.assert_allclose(np.linalg.norm(place[:, None, i] - place[:, i], axis=2), gaps, rtol=1e-3, atol=0.05)
+
+
+def test_complex_projections_on_a_full_basis_keep_distances_between_images():
+    space = RotationalPca(components=100, rotations=12, rows=8, projections=Projections.complex).fit(PANORAMAS)
+    signatures = space.describe(PANORAMAS)
+    weighted = Signatures(signatures.place * np.sqrt(np.where(np.isin(space.frequencies, (0, 6)), 1, 2)).repeat(2))
+    found = Euclidean().match(weighted, Euclidean().prepare(weighted)).distance
+    images = PANORAMAS.reshape(5, -1).astype(float)
+    np.testing.assert_allclose(found, np.linalg.norm(images[:, None] - images, axis=2), rtol=1e-3, atol=1)
+
+
+@pytest.mark.parametrize("steps", range(1, 12))
+def test_a_turn_changes_complex_projections_by_phases_alone(steps):
+    space = RotationalPca(components=6, rotations=12, rows=8, projections=Projections.complex).fit(PANORAMAS)
+    before, after = (
+        space.describe(image).place.reshape(5, -1, 2) @ np.array([1, 1j])
+        for image in (PANORAMAS, np.roll(PANORAMAS, -4 * steps, axis=2))
+    )
+    phases = np.exp(2j * np.pi * space.frequencies * steps / 12)
+    np.testing.assert_allclose(after, before * phases, rtol=1e-3, atol=0.05)
+    np.testing.assert_array_equal(PCA.fit(PANORAMAS).describe(PANORAMAS).place, np.abs(before.astype(np.complex64)))
 
 
 def test_an_eigenspace_is_saved_and_loaded(tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import Enum
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
@@ -22,6 +23,13 @@ TRAINED = ("mean", "vectors", "frequencies", "singular")
 SETTINGS = ("rotations", "rows", "color")  # that the trained arrays depend on
 
 
+class Projections(Enum):
+    """What of the complex projections tells the place (Payá et al., 2016: real in 3.1.2, complex in table 2)."""
+
+    moduli = "moduli"  # which no turn changes
+    complex = "complex"  # real and imaginary parts, for images of one heading
+
+
 @dataclass
 class RotationalPca:
     """PCA of all panoramas of the map and all their rotations (Jogan & Leonardis, 2003; Payá et al., 2016, 3.1.2).
@@ -30,6 +38,8 @@ class RotationalPca:
     splits the problem into one small PCA for each frequency of rotation. A rotation by whole steps of 360 / N_R
     degrees multiplies a projection by a phase: `place` holds the projections' moduli (N, components), `heading` the signals with
     these phases (N, rows, N_R), which a rotation shifts. It must be fitted on the map's panoramas before it describes.
+    With `projections=complex`, `place` holds their real and imaginary parts, one after the other (N, 2 * components), which a
+    rotation changes: for images of one heading.
     """
 
     components: int = setting(50, at_least=1, at_most=100_000)  # k3, eigenvectors with the largest eigenvalues
@@ -38,14 +48,19 @@ class RotationalPca:
     )  # N_R, of each panorama; must divide its columns
     rows: int = setting(64, at_least=1, at_most=8192)  # the panoramas are averaged to so many
     color: bool = False  # the channels of RGB, one below the other
+    projections: Projections = Projections.moduli  # compared as moduli, or complex
     basis: str | None = None  # a file that Eigenspace.save wrote; null: fitted on the map
 
     view: ClassVar[str] = "panorama"
-    rotation: ClassVar[str] = "invariant"
     default_distance: ClassVar[str] = "cityblock"
 
     def __post_init__(self) -> None:
         check_settings(self)
+
+    @property
+    def rotation(self) -> str:
+        """Turns of the camera change complex projections, and not their moduli."""
+        return "invariant" if self.projections is Projections.moduli else "none"
 
     def fit(self, images: Bytes) -> Eigenspace | RotationalPca:
         """The eigenspace of panoramas (N, H, W[, 3]); with a `basis` there is nothing to fit."""
@@ -105,8 +120,12 @@ class Eigenspace:
     singular: Floats  # (components,) singular values, falling
 
     view: ClassVar[str] = RotationalPca.view
-    rotation: ClassVar[str] = RotationalPca.rotation
     default_distance: ClassVar[str] = RotationalPca.default_distance
+
+    @property
+    def rotation(self) -> str:
+        """What turns of the camera do to signatures."""
+        return self.settings.rotation
 
     @property
     def color(self) -> bool:
@@ -114,7 +133,7 @@ class Eigenspace:
         return self.settings.color
 
     def describe(self, images: Bytes) -> Signatures:
-        """Moduli (N, components) and headings (N, rows, N_R) of panoramas (N, H, W[, 3])."""
+        """Moduli (N, components), or parts (N, 2 * components), and headings (N, rows, N_R) of panoramas (N, H, W[, 3])."""
         from scipy import fft
 
         spectra = self.settings._spectra(images)
@@ -130,7 +149,10 @@ class Eigenspace:
         half = np.zeros((len(images), int(self._row.max()) + 1, self.settings.rotations // 2 + 1), np.complex64)
         half[:, self._row, self.frequencies] = projections
         heading = fft.irfft(half, self.settings.rotations)
-        return Signatures(np.abs(projections).astype(np.float32), heading.astype(np.float32))
+        place = np.abs(projections)
+        if self.settings.projections is Projections.complex:
+            place = np.stack([projections.real, projections.imag], axis=-1).reshape(len(images), -1)
+        return Signatures(place.astype(np.float32), heading.astype(np.float32))
 
     @cached_property
     def _row(self) -> Ints:
