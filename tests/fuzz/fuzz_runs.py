@@ -92,7 +92,7 @@ BASES = {
     ), ("odometry", "view_filters", "study"), {"view_filters": ("view_ekf",)}),
     "matching": Base((
         "experiment=matching", *SENSOR, "study.distances_m=[0.5]", "study.pairs=2", "study.images=60", "~odometries.tiles",
-    ), ("odometries", "study"), {"odometries": ("panorama",)}),
+    ), ("odometries", "study"), {"odometries": ("planar_epipolar",)}),
     "graph": Base(
         ("experiment=pose_graph", "study.walk.count=12", "study.walk.side=3"), ("backend", "backends", "study"), {"backends": ()},
     ),

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
 import http.client
 import os
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+
+from omnilab_serve.pages.run import OpenFileResponse
+from omnilab_serve.run_details.files import open_file
 
 PICTURE = b"\x89PNG\r\n\x1a\n and what follows"
 PAGE = b"<!doctype html><script>alert(1)</script>"
@@ -105,3 +110,17 @@ def test_the_api_lists_files_and_gives_the_end_of_the_log(serve, logs):
     assert client.get("/runs/grid/a").status_code == 200
     assert client.get("/api/files/grid").status_code == 404
     assert client.get("/api/log/nowhere").status_code == 404
+
+
+def test_a_file_is_closed_though_the_browser_is_gone_before_its_first_byte(tmp_path):
+    (tmp_path / "a.txt").write_text("text")
+    file = open_file(tmp_path / "a.txt")
+
+    async def gone(*_):
+        raise OSError("the connection is closed")
+
+    response = OpenFileResponse(file, 4, {}, "text/plain")
+    with ThreadPoolExecutor(1) as pool:  # which has no loop of a browser
+        done = pool.submit(asyncio.run, response({"type": "http", "asgi": {"spec_version": "2.4"}}, gone, gone))
+    assert "closed" in repr(done.exception()) or "ClientDisconnect" in repr(done.exception())
+    assert file.closed

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
+from io import FileIO
 from pathlib import PurePosixPath
 from urllib.parse import quote
 
 from fastapi import APIRouter, Request
 from starlette.responses import HTMLResponse, Response, StreamingResponse
+from starlette.types import Receive, Scope, Send
 
 from omnilab.errors import DataError
 from omnilab.runner.run_folder.names import CONFIG
@@ -49,4 +52,18 @@ def file(path: str, service: Here) -> Response:
     headers = STRANGE | {"Content-Length": str(size), "Cache-Control": "no-cache"}
     if kind == files.BYTES:
         headers["Content-Disposition"] = f"attachment; filename*=UTF-8''{quote(PurePosixPath(path).name)}"
-    return StreamingResponse(files.content(found, size), 200, headers, kind)
+    return OpenFileResponse(found, size, headers, kind)
+
+
+class OpenFileResponse(StreamingResponse):
+    """The first bytes of an open file, which is closed at the end, also when the browser is gone before the first is sent."""
+
+    def __init__(self, file: FileIO, size: int, headers: Mapping[str, str], kind: str) -> None:
+        super().__init__(files.content(file, size), 200, headers, kind)
+        self._file = file
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            self._file.close()

@@ -61,11 +61,10 @@ def media_type(name: str, begins: bytes) -> str:
 
 
 def content(file: FileIO, size: int) -> Iterator[bytes]:
-    """The first bytes of an open file, in pieces, and then it is closed."""
-    with file:
-        while size > 0 and (part := file.read(min(CHUNK, size))):
-            size -= len(part)
-            yield part
+    """The first bytes of an open file, in pieces."""
+    while size > 0 and (part := file.read(min(CHUNK, size))):
+        size -= len(part)
+        yield part
 
 
 def run_files(folder: Path) -> Sequence[RunFile]:
