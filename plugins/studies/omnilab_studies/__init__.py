@@ -20,6 +20,7 @@ from omnilab_studies.local_maps.topological_map.study import TopologicalMap
 from omnilab_studies.localization.changes.study import Changes
 from omnilab_studies.localization.grid.study import Grid
 from omnilab_studies.localization.large_map.study import LargeMap
+from omnilab_studies.localization.lifelong_map.study import LifelongMap
 from omnilab_studies.localization.localize.study import Localize
 from omnilab_studies.localization.map.study import MapStudy
 from omnilab_studies.localization.steps.study import Steps
@@ -38,6 +39,7 @@ __all__ = [
     "Grid",
     "Joint",
     "LargeMap",
+    "LifelongMap",
     "Linearity",
     "LocalMap",
     "Localize",
@@ -68,6 +70,7 @@ def register_studies(register: Register) -> None:
     register("localize", Localize)
     register("steps", Steps)
     register("changes", Changes)
+    register("lifelong_map", LifelongMap)
     register("views", Views)
     register("render", Render)
     register("linearity", Linearity)

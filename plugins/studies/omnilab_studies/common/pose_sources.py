@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -15,6 +15,8 @@ from omnilab.errors import ConfigError, did_you_mean
 from omnilab.trajectory import plausibility
 from omnilab.trajectory.files import read_trajectory
 from omnilab_studies.common.grids import extent_of
+
+C = TypeVar("C")  # a component
 
 
 class Source(Enum):
@@ -63,16 +65,16 @@ def plan_of_trajectory(sensor: Sensor, source: Source, path: str, height_m: floa
     return sensor.plan(NamedPath(path, height_m))
 
 
-def changed(sensor: Sensor, where: str, settings: Mapping[str, Any]) -> Sensor:
-    """A sensor with some of its settings changed; ConfigError, naming `where` they are set, for those it does not have."""
-    known = [f.name for f in fields(sensor)]  # type: ignore[arg-type]
+def changed(component: C, where: str, settings: Mapping[str, Any], kind: str = "sensor") -> C:
+    """A component with some of its settings changed; ConfigError, naming `where` they are set, for those it does not have."""
+    known = [f.name for f in fields(component)]  # type: ignore[arg-type]
     for name in settings:
         if name not in known:
             raise ConfigError(
-                f"{where} changes '{name}', which is no setting of the sensor; there is"
+                f"{where} changes '{name}', which is no setting of the {kind}; there is"
                 f" {', '.join(known)}{did_you_mean(name, known)}"
             )
     try:
-        return replace(sensor, **settings)  # type: ignore[type-var]
+        return replace(component, **settings)  # type: ignore[type-var]
     except TypeError as error:
         raise ConfigError(f"{where}={dict(settings)} cannot be set ({error}); correct it") from error
