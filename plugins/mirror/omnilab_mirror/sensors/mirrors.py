@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from omnilab.api import setting
+from omnilab.api import Bytes, setting
 from omnilab.cameras import ConicalMirror, EllipticMirror, HyperbolicMirror, ParabolicMirror, SphericalMirror
+from omnilab.errors import ConfigError
 from omnilab_mirror.sensors.virtual import VirtualCamera
 
 
@@ -13,7 +14,8 @@ from omnilab_mirror.sensors.virtual import VirtualCamera
 class Mirror(VirtualCamera):
     """Images a virtual world through a hyperbolic mirror, from any pose (Berenguer, thesis, chapter 3.3).
 
-    Rays are traced exactly, from the mirror's effective viewpoint; the viewpoint is the pose's origin.
+    Rays are traced exactly, from the mirror's effective viewpoint; the viewpoint is the pose's origin. With `deck_radius_m`
+    it sees the deck of the robot that carries it, at the same place in every image, as real mirrors do.
     """
 
     size: int = setting(250, at_least=8, at_most=8192)  # pixels of a side
@@ -24,6 +26,24 @@ class Mirror(VirtualCamera):
     margin_px: int = setting(
         0, at_least=0, at_most=8192
     )  # black columns on the left and on the right: a frame wider than high
+    deck_radius_m: float = setting(0.0, at_least=0, at_most=100)  # of the robot's round deck; 0: no robot is seen
+    deck_below_m: float = setting(0.72, above=0, at_most=1000)  # the viewpoint: 1 m less the 0.28 m of a Pioneer 3-AT
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.depth and self.deck_radius_m > 0:
+            raise ConfigError("sensor.depth=true knows no robot; give sensor.deck_radius_m=0, or sensor.depth=false")
+
+    @property
+    def _carrier(self) -> tuple[float, ...]:
+        return (self.deck_radius_m, self.deck_below_m) if self.deck_radius_m > 0 else ()
+
+    def _with_carrier(self, images: Bytes) -> Bytes:
+        if not self._carrier:
+            return images
+        from omnilab_mirror.sensors.deck import with_deck
+
+        return with_deck(images, self.camera, self.samples, self.deck_radius_m, self.deck_below_m)
 
     @property
     def camera(self) -> HyperbolicMirror:

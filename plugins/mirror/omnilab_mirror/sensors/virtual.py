@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from omnilab.api import Floats, Frames, Mesh, Plan, PoseRequest, check_settings, setting
+from omnilab.api import Bytes, Floats, Frames, Mesh, Plan, PoseRequest, check_settings, setting
 from omnilab.cameras import RayCamera
 from omnilab.cameras.plausibility import check_sees
 from omnilab.errors import ConfigError, DataError
@@ -84,7 +84,7 @@ class VirtualCamera(ABC):
             index = np.arange(start, min(start + self.batch, len(plan)))
             T_world_camera = plan.T_world_camera[index]
             yield Frames(  # which alone holds the images: what others hold would be copied
-                render(world, camera, T_world_camera, self.samples, self.color),
+                self._with_carrier(render(world, camera, T_world_camera, self.samples, self.color)),
                 plan.at(index).keys,
                 FRAME_NS * index,
                 camera,
@@ -112,6 +112,15 @@ class VirtualCamera(ABC):
         return Path(self.world).stem, self._world().digest
 
     @property
+    def _carrier(self) -> tuple[float, ...]:
+        """What an image's key says of the robot that the camera sees; nothing where it sees none."""
+        return ()
+
+    def _with_carrier(self, images: Bytes) -> Bytes:
+        """The images with the robot that carries the camera, where it sees any of it; they may be changed in place."""
+        return images
+
+    @property
     def _image_s(self) -> float:
         """Seconds that an image takes at least, with all processors."""
         return RAY_S * self.samples * self.camera.width * self.camera.height / (os.cpu_count() or 1)
@@ -130,7 +139,7 @@ class VirtualCamera(ABC):
         return load_world(self.world, self.variant, self.up, self.scale)
 
     def _keys(self, digest: str, T_world_camera: Floats) -> Sequence[str]:
-        content = (RENDERER_VERSION, digest, repr(self.camera), self.color, self.samples)
+        content = (RENDERER_VERSION, digest, repr(self.camera), self.color, self.samples, *self._carrier)
         camera = hashlib.blake2b(repr(content).encode(), digest_size=12)
         keys = []
         for pose in T_world_camera + 0.0:  # -0 is 0
