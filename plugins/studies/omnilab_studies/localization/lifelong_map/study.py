@@ -25,7 +25,7 @@ from omnilab.errors import ConfigError, did_you_mean
 from omnilab.metrics import spacing
 from omnilab_studies.common.describing import describe, describe_places, fitted
 from omnilab_studies.common.frames import deliver_queries
-from omnilab_studies.common.grids import check_step_or_every, grid_poses
+from omnilab_studies.common.grids import grid_poses
 from omnilab_studies.common.logs import show_picture, start_logs
 from omnilab_studies.common.methods import check_comparisons
 from omnilab_studies.common.pose_sources import changed, random_poses
@@ -59,10 +59,7 @@ class LifelongMap:
     policies: dict[str, dict[str, Any]] = setting(
         {"fixed": {}, "update": {}, "several": {}}
     )  # name: {policy: fixed, update or several (by default the name), setting of it: value}
-    step_m: float | None = setting(
-        0.3, above=0
-    )  # of the grid of places; null: take `every` n-th row and column of a recording
-    every: int | None = setting(None, at_least=1)  # 1: all that was recorded
+    step_m: float = setting(0.3, above=0)  # of the grid of places
     extent_m: list[float] | None = setting(
         None, above=0, count=2
     )  # x and y size of the grid; null: all that the sensor covers
@@ -81,14 +78,13 @@ class LifelongMap:
 
     def __post_init__(self) -> None:
         check_settings(self, "study.")
-        check_step_or_every(self.step_m, self.every)
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Make the map; each day, localise its queries in every policy's map, score, adapt."""
         self._check_days()
         policies = {name: policy_of(name, settings) for name, settings in self.policies.items()}
         start_logs(record, layout_of([key_of(name) for name in policies]), parts.sensor)
-        grid = parts.sensor.plan(grid_poses(self.step_m, self.every, self.extent_m, self.height_m))
+        grid = parts.sensor.plan(grid_poses(self.step_m, None, self.extent_m, self.height_m))
         parts = fitted(parts, grid, record)
         worlds = self._worlds(parts)
         places, omitted = describe_places(parts, grid, record)
