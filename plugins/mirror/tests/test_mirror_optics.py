@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omnilab.api import PathPoses
+from omnilab.api import GridPoses, PathPoses
 from omnilab.cameras import HyperbolicMirror
 from omnilab.errors import ConfigError
 from omnilab.geometry import planar_poses
+from omnilab.testing import check_sensor
 from omnilab_mirror.render.rays import rays_of
 from omnilab_mirror.render.tracer import BLOCK, TILE
 from omnilab_mirror.sensors.mirrors import Mirror
@@ -111,6 +112,10 @@ def test_images_of_other_decks_have_other_keys():
     keys = [imaged(**s).keys[0] for s in ({}, {"deck_below_m": 0.5}, {"deck_radius_m": 0.25}, {"deck_radius_m": 0.3})]
     assert keys[0] == keys[1]  # no deck, wherever
     assert len(set(keys)) == 3
+
+
+def test_the_contract_with_a_deck():
+    check_sensor(Mirror(size=64, samples=1, deck_radius_m=0.3), GridPoses(2.0))
 
 
 def test_a_deck_without_a_depth():
