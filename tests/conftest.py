@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import logging
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -20,6 +21,9 @@ from omnilab.api import KINDS
 from omnilab.runner.cli import main
 
 SCRIPT = Path(sys.executable).with_name("omnilab")
+signal.signal(
+    signal.SIGINT, signal.default_int_handler
+)  # a job in a shell's background ignores it, and so would its children
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # or each of our processes would compile all it imports
 
 
