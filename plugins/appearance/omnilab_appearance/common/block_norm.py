@@ -8,6 +8,7 @@ import numpy as np
 
 from omnilab.api import Floats
 from omnilab.errors import DataError
+from omnilab_appearance.common.image_ops import columns_around
 
 EPSILON = 1e-5  # as in scikit-image
 CLIPPED = 0.2  # of L2-Hys (Lowe, 2004)
@@ -45,6 +46,12 @@ def _normalized(blocks: Floats, norm: BlockNorm) -> Floats:
 
 def _unit(blocks: Floats) -> Floats:
     return np.asarray(blocks / np.sqrt((blocks**2).sum(-1, keepdims=True) + EPSILON**2))
+
+
+def normalized_grid(values: Floats, width: int, spacing: int, floor: float) -> Floats:
+    """Histograms (N, bins, rows, W), averaged over windows of columns and each normalised: (N, bins x rows, W / spacing)."""
+    cells = cells_normalized(columns_around(values, width, spacing), floor)
+    return cells.reshape(len(cells), -1, cells.shape[-1])
 
 
 def cells_normalized(cells: Floats, floor: float) -> Floats:

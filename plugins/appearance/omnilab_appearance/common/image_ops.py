@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from omnilab.api import Bytes, Floats, Signatures
+from omnilab.api import Bytes, Floats, Ints, Signatures
 from omnilab.errors import DataError
 
 
@@ -70,6 +70,16 @@ def bands(count: int, length: int) -> list[slice]:
         raise DataError(f"{count} blocks cannot be cut from {length} rows; give at most {length}")
     edges = np.round(np.linspace(0, length, count + 1)).astype(int)
     return [slice(int(low), int(high)) for low, high in pairwise(edges)]
+
+
+def band_edges(count: int, length: int) -> Ints:
+    """Where `bands` begin, and the end of the last one: (count + 1)."""
+    return np.array([0, *(band.stop for band in bands(count, length))])
+
+
+def band_means(values: Floats, count: int) -> Floats:
+    """Means (N, K, count, W) over `count` bands of the rows of (N, K, H, W)."""
+    return np.stack([values[:, :, band].mean(axis=2) for band in bands(count, values.shape[2])], 2)
 
 
 def columns_around(values: Floats, width: int, spacing: int) -> Floats:

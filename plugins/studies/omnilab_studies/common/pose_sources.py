@@ -28,6 +28,12 @@ class Source(Enum):
     recorded = "recorded"  # all that was recorded
 
 
+def check_is_trajectory(source: Source) -> None:
+    """ConfigError for a source whose poses are in no order: those of a grid, or at random."""
+    if source not in {Source.path, Source.recorded}:
+        raise ConfigError(f"study.images={source.value} makes no trajectory; give path or recorded")
+
+
 def random_poses(
     count: int, seed: int, heading_step_deg: float | None, extent_m: Sequence[float] | None, height_m: float | None
 ) -> RandomPoses:

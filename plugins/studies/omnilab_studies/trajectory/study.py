@@ -27,7 +27,7 @@ from omnilab.geometry import heading_of, planar_poses
 from omnilab.trajectory.evaluation import Alignment, path_length
 from omnilab_studies.common.frames import deliver_queries
 from omnilab_studies.common.logs import start_logs
-from omnilab_studies.common.pose_sources import Source, plan_of_trajectory
+from omnilab_studies.common.pose_sources import Source, check_is_trajectory, plan_of_trajectory
 from omnilab_studies.common.tables import markdown_table
 from omnilab_studies.trajectory import figures, scale_estimation
 from omnilab_studies.trajectory.layout import LAYOUT
@@ -86,8 +86,7 @@ class TrajectoryStudy:
 
     def __post_init__(self) -> None:
         check_settings(self, "study.")
-        if self.images not in {Source.path, Source.recorded}:
-            raise ConfigError(f"study.images={self.images.value} makes no trajectory; give path or recorded")
+        check_is_trajectory(self.images)
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Map image by image, optimise the whole graph, evaluate."""

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnilab.api import Bytes, Floats, Frames, Image, Motion, Parts, Recorder, Tick, Unusable, ViewFilter
+from omnilab.api import Bytes, Floats, Frames, Image, Motion, Odometry, Parts, Recorder, Tick, Unusable, ViewFilter
 from omnilab.image import panorama
 from omnilab.posegraph.graph import moved, vectors
 from omnilab_studies.common.match_images import draw_image_pair
@@ -19,6 +19,30 @@ from omnilab_studies.view_slam.saved_views import ViewWriter, known_views
 
 VIEWS = "views"  # the odometry that estimates the relative pose of two images
 FAILED = np.diag([0.2, 0.2, 0.5]) ** 2  # m², rad²: covariance of a step whose odometry failed
+
+
+class OdometryStep(NamedTuple):
+    """The motion (3,) of a robot since the last image, its covariance (3, 3), and why odometry failed, if it did."""
+
+    vector: Floats
+    covariance: Floats
+    failed: str = ""
+
+
+def odometry_step(odometry: Odometry, before: Any, features: Any, rng: np.random.Generator) -> OdometryStep:
+    """The step between what odometry extracted of two images; none, with a large covariance, where it fails.
+
+    Without an image before, none whose covariance nobody needs.
+    """
+    if before is None:
+        return OdometryStep(np.zeros(3), np.eye(3))
+    why = next((each.reason for each in (features, before) if isinstance(each, Unusable)), "")
+    if not why:
+        motion = odometry.estimate(before, features, rng)
+        if not motion.failed:
+            return OdometryStep(motion.vector, motion.covariance)
+        why = motion.failed
+    return OdometryStep(np.zeros(3), FAILED, why)
 
 
 class ViewMappingRun:
@@ -107,17 +131,11 @@ class ViewMappingRun:
         """Odometry (3,) since the last image with its covariance (3, 3); zero with a large one where it fails."""
         (features,) = self._parts.odometry.extract(frame)
         before, self._odometry_features = self._odometry_features, features
-        if before is None:
-            return np.zeros(3), np.eye(3)
-        why = next((each.reason for each in (features, before) if isinstance(each, Unusable)), "")
-        if not why:
-            motion = self._parts.odometry.estimate(before, features, self._rng)
-            if not motion.failed:
-                return motion.vector, motion.covariance
-            why = motion.failed
-        self.failed_steps += 1
-        self._limiter.log(f"image {len(self.truth) - 1}, odometry", [why])
-        return np.zeros(3), FAILED
+        step = odometry_step(self._parts.odometry, before, features, self._rng)
+        if step.failed:
+            self.failed_steps += 1
+            self._limiter.log(f"image {len(self.truth) - 1}, odometry", [step.failed])
+        return step.vector, step.covariance
 
     def _relative_pose(self, image: int, view: int) -> Motion:
         """The motion from an image to that of a view: the same whatever else is queried."""

@@ -14,7 +14,7 @@ from omnilab.geometry import heading_of, planar_poses
 from omnilab.posegraph.graph import vectors
 from omnilab_studies.common.frames import deliver_queries
 from omnilab_studies.common.logs import start_logs
-from omnilab_studies.common.pose_sources import Source, plan_of_trajectory
+from omnilab_studies.common.pose_sources import Source, check_is_trajectory, plan_of_trajectory
 from omnilab_studies.common.samples import evenly
 from omnilab_studies.view_slam.display import TRUTH, line
 from omnilab_studies.view_slam.filter_comparison import filters_of
@@ -73,8 +73,7 @@ class ViewSlam:
 
     def __post_init__(self) -> None:
         check_settings(self, "study.")
-        if self.images not in {Source.path, Source.recorded}:
-            raise ConfigError(f"study.images={self.images.value} makes no trajectory; give path or recorded")
+        check_is_trajectory(self.images)
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Map image by image with every filter; evaluate."""

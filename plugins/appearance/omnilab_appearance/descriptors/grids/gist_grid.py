@@ -8,9 +8,9 @@ from typing import ClassVar
 import numpy as np
 
 from omnilab.api import Bytes, Floats, Signatures, check_settings, setting
-from omnilab_appearance.common.block_norm import cells_normalized
+from omnilab_appearance.common.block_norm import normalized_grid
 from omnilab_appearance.common.gabor import energies, halved
-from omnilab_appearance.common.image_ops import bands, channels_of, columns_around, resized, side_by_side
+from omnilab_appearance.common.image_ops import band_means, channels_of, resized, side_by_side
 
 
 @dataclass
@@ -51,6 +51,5 @@ class GistGrid:
     def _level(self, panoramas: Floats, level: int) -> Floats:
         """The blocks (N, orientations x blocks, columns / spacing) of one level of the pyramid."""
         found = energies(panoramas, self.orientations, self.frequency)
-        rows = np.stack([found[:, :, band].mean(axis=2) for band in bands(self.blocks, found.shape[2])], 2)
-        blocks = cells_normalized(columns_around(rows, self.width >> level, self.spacing >> level), self.floor)
-        return blocks.reshape(len(blocks), -1, blocks.shape[-1])
+        rows = band_means(found, self.blocks)
+        return normalized_grid(rows, self.width >> level, self.spacing >> level, self.floor)

@@ -8,8 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from omnilab.api import Bytes, Signatures, check_settings, setting
-from omnilab_appearance.common.block_norm import cells_normalized
-from omnilab_appearance.common.image_ops import bands, channels_of, columns_around, resized, side_by_side, smoothed
+from omnilab_appearance.common.block_norm import normalized_grid
+from omnilab_appearance.common.image_ops import band_edges, channels_of, resized, side_by_side, smoothed
 
 
 @dataclass
@@ -45,9 +45,9 @@ class HogGrid:
         """Signatures (N, bins x cells, columns / spacing) of panoramas (N, H, W[, 3])."""
         from omnilab_appearance.common.kernels import gradient_cells
 
-        edges = np.array([0, *(band.stop for band in bands(self.cells, self.rows))])
+        edges = band_edges(self.cells, self.rows)
         panoramas = smoothed(resized(channels_of(images, self.color), self.rows, self.columns), self.smoothing)
         turn = 2 * np.pi if self.signed else np.pi
         columns = gradient_cells(np.ascontiguousarray(panoramas, np.float32), self.bins, turn, edges)
-        cells = cells_normalized(columns_around(columns, self.width, self.spacing), self.floor)
-        return side_by_side(Signatures(cells.reshape(len(cells), -1, cells.shape[-1])), self.color)
+        cells = normalized_grid(columns, self.width, self.spacing, self.floor)
+        return side_by_side(Signatures(cells), self.color)

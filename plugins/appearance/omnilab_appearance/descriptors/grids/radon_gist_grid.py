@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
 from omnilab.api import Bytes, Signatures, check_settings, setting
-from omnilab_appearance.common.block_norm import cells_normalized
+from omnilab_appearance.common.block_norm import normalized_grid
 from omnilab_appearance.common.gabor import energies
-from omnilab_appearance.common.image_ops import bands, channels_of, columns_around, side_by_side
+from omnilab_appearance.common.image_ops import band_means, channels_of, side_by_side
 from omnilab_appearance.descriptors.radon import Radon, one_side, without_means
 
 
@@ -46,6 +44,5 @@ class RadonGistGrid:
         """Signatures (N, orientations x blocks, angles / spacing) of square mirror images (N, S, S[, 3])."""
         transforms = without_means(Radon(self.offsets, self.angles).describe(channels_of(images, self.color)).place)
         side = one_side(energies(transforms, self.orientations, self.frequency))
-        rows = np.stack([side[:, :, band].mean(axis=2) for band in bands(self.blocks, side.shape[2])], 2)
-        blocks = cells_normalized(columns_around(rows, self.width, self.spacing), self.floor)
-        return side_by_side(Signatures(blocks.reshape(len(blocks), -1, blocks.shape[-1])), self.color)
+        blocks = normalized_grid(band_means(side, self.blocks), self.width, self.spacing, self.floor)
+        return side_by_side(Signatures(blocks), self.color)

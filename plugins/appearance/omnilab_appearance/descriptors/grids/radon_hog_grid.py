@@ -8,8 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from omnilab.api import Bytes, Signatures, check_settings, setting
-from omnilab_appearance.common.block_norm import cells_normalized
-from omnilab_appearance.common.image_ops import bands, channels_of, columns_around, side_by_side, smoothed
+from omnilab_appearance.common.block_norm import normalized_grid
+from omnilab_appearance.common.image_ops import band_edges, channels_of, side_by_side, smoothed
 from omnilab_appearance.descriptors.radon import Radon, one_side, without_means
 
 
@@ -47,7 +47,6 @@ class RadonHogGrid:
 
         transforms = without_means(Radon(self.offsets, self.angles).describe(channels_of(images, self.color)).place)
         side = one_side(smoothed(transforms, self.smoothing))
-        edges = np.array([0, *(band.stop for band in bands(self.cells, side.shape[1]))])
-        angles = gradient_cells(side, self.bins, 2 * np.pi, edges)
-        cells = cells_normalized(columns_around(angles, self.width, self.spacing), self.floor)
-        return side_by_side(Signatures(cells.reshape(len(cells), -1, cells.shape[-1])), self.color)
+        angles = gradient_cells(side, self.bins, 2 * np.pi, band_edges(self.cells, side.shape[1]))
+        cells = normalized_grid(angles, self.width, self.spacing, self.floor)
+        return side_by_side(Signatures(cells), self.color)

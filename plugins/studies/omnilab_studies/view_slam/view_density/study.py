@@ -16,7 +16,6 @@ from omnilab.api import (
     Parts,
     Recorder,
     Report,
-    Text,
     Tick,
     Unusable,
     ViewFilter,
@@ -31,15 +30,15 @@ from omnilab.trajectory.evaluation import path_length
 from omnilab_studies.common.frames import deliver_queries
 from omnilab_studies.common.logs import start_logs
 from omnilab_studies.common.match_images import draw_image_pair
-from omnilab_studies.common.pose_sources import Source
+from omnilab_studies.common.pose_sources import Source, check_is_trajectory
 from omnilab_studies.common.samples import evenly
 from omnilab_studies.common.tables import columns_of, markdown
 from omnilab_studies.view_slam.display import TRUTH, Bearings, line, show_errors, show_step
-from omnilab_studies.view_slam.filter_comparison import simulated_filters_of
+from omnilab_studies.view_slam.filter_comparison import LogLimiter, simulated_filters_of
 from omnilab_studies.view_slam.front_end import AssociationSettings, inlier_count
 from omnilab_studies.view_slam.initialisation import Initialisation
 from omnilab_studies.view_slam.layout import VIEW_SLAM
-from omnilab_studies.view_slam.mapping_run import FAILED
+from omnilab_studies.view_slam.mapping_run import odometry_step
 from omnilab_studies.view_slam.study import ViewSlam
 from omnilab_studies.view_slam.view_density import figures
 from omnilab_studies.view_slam.view_density.cases import Case, MappedDrive, columns, mean_row
@@ -84,8 +83,7 @@ class ViewDensity:
 
     def __post_init__(self) -> None:
         check_settings(self, "study.")
-        if self.images not in {Source.path, Source.recorded}:
-            raise ConfigError(f"study.images={self.images.value} makes no trajectory; give path or recorded")
+        check_is_trajectory(self.images)
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Map one drive in every case, image by image; evaluate."""
@@ -140,7 +138,7 @@ class _Mapping:
         self.truth: list[Floats] = []
         self.odometry: list[list[Floats]] = [[] for _ in range(study.seeds)]
         self.range_m = study.views.range_m
-        self._wheels, self._record = parts.odometry, record
+        self._wheels, self._record, self._limiter = parts.odometry, record, LogLimiter(record)
         self._before: Any = None  # what the wheels have of the last image
         self._rngs = [np.random.default_rng([seed, k]) for k in range(study.seeds)]
         self._references = set(evenly(images, study.references).tolist())
@@ -155,7 +153,7 @@ class _Mapping:
         motions = self._motions(frame)
         for name, relations in self.relations.items():
             if isinstance(features := relations.extract(image, frame), Unusable):
-                self._record.log("log", Text(f"image {image}, {name}: {features.reason}", "WARN"))
+                self._limiter.log(f"image {image}, {name}", [features.reason])
         for k, drives in enumerate(self.drives):
             self.odometry[k].append(moved(self.odometry[k][-1], motions[k][0]) if image else truth)
             for drive in drives:
@@ -176,16 +174,12 @@ class _Mapping:
 
     def _motions(self, frame: Frames) -> list[tuple[Floats, Floats]]:
         """Motions (3,) of the wheels of each seed since the last image, with their covariances (3, 3)."""
-        (features,), found = self._wheels.extract(frame), list[tuple[Floats, Floats]]()
+        (features,) = self._wheels.extract(frame)
         before, self._before = self._before, features
-        for rng in self._rngs:
-            usable = before is not None and not isinstance(before, Unusable) and not isinstance(features, Unusable)
-            motion = self._wheels.estimate(before, features, rng) if usable else None
-            if motion is None or motion.failed:
-                found.append((np.zeros(3), FAILED))
-            else:
-                found.append((motion.vector, motion.covariance))
-        return found
+        steps = [odometry_step(self._wheels, before, features, rng) for rng in self._rngs]
+        for why in dict.fromkeys(step.failed for step in steps if step.failed):
+            self._limiter.log(f"image {len(self.truth) - 1}, odometry", [why])
+        return [(step.vector, step.covariance) for step in steps]
 
     def _show(self, frame: Frames, image: int) -> None:
         """One map into the logs, and the image above the view with most inliers."""
