@@ -47,6 +47,11 @@ def did_you_mean(word: str, known: Iterable[str], prefix: str = "") -> str:
     return f" (did you mean {prefix}{close[0]}?)" if close else ""
 
 
+def with_article(noun: str) -> str:
+    """A noun in the singular after its article: an odometry."""
+    return f"{'an' if noun[0] in 'aeiou' else 'a'} {noun}"
+
+
 def visible(text: str) -> str:
     """The text with what a terminal would obey, or not show, as escapes: names of files and overrides are data."""
     if text.isprintable():

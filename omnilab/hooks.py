@@ -1,4 +1,4 @@
-"""The hooks by which plugins extend omnilab: one for each kind of component, and one for commands.
+"""The hooks by which plugins extend omnilab: one for each kind of component, one for commands, one for folders.
 
 A plugin is a module with functions named ``register_`` and the plural of a kind, marked with ``@hookimpl``, that call
 ``register(name, cls)``::
@@ -19,6 +19,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, is_dataclass
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Protocol
@@ -28,12 +29,30 @@ import pluggy
 from omnilab.api import KINDS, Kind
 
 COMMANDS_HOOK = "register_commands"
+FOLDERS_HOOK = "register_folders"
 
 Command = Callable[[list[str]], int]  # takes the arguments, returns the exit code
 RegisterCommand = Callable[[str, Command], None]
+RegisterFolder = Callable[[str | Path], None]
 
 hookspec = pluggy.HookspecMarker("omnilab")
 hookimpl = pluggy.HookimplMarker("omnilab")
+
+
+@dataclass(frozen=True)
+class CommandIn:
+    """The command of that name in a module, which is imported when the command is given: other commands start without."""
+
+    module: str
+    name: str
+
+    def load(self) -> Command:
+        """The command itself."""
+        found: Command = getattr(import_module(self.module), self.name)
+        return found
+
+    def __call__(self, argv: list[str]) -> int:
+        return self.load()(argv)
 
 
 class Register(Protocol):
@@ -70,6 +89,7 @@ class RunSummary:
     components: Mapping[str, str] = field(default_factory=dict)  # by slot, such as `descriptor`, the registered name
     config: Mapping[str, Any] = field(default_factory=dict)  # all settings as they ran
     metrics: Mapping[str, float] = field(default_factory=dict)
+    header: str = ""  # how it stands now, in Markdown: see `omnilab.run_header`
 
 
 class Runs(Protocol):
@@ -88,7 +108,8 @@ class Runs(Protocol):
 def hookspecs() -> type[Any]:
     """The specifications of all hooks, for pluggy."""
     specified = {kind.hook: _of_kind(kind) for kind in KINDS.values()}
-    return type("Hooks", (), specified | {COMMANDS_HOOK: hookspec(register_commands)})
+    more = {COMMANDS_HOOK: hookspec(register_commands), FOLDERS_HOOK: hookspec(register_folders)}
+    return type("Hooks", (), specified | more)
 
 
 def _of_kind(kind: Kind) -> Any:
@@ -99,4 +120,15 @@ def _of_kind(kind: Kind) -> Any:
 
 
 def register_commands(register: RegisterCommand, runs: Runs) -> None:
-    """Commands beside experiments, `omnilab NAME ...`: here a function is registered, not a component."""
+    """Commands beside experiments, `omnilab NAME ...`: here a function is registered, not a component.
+
+    `register("mine", CommandIn("my_package.my_command", "mine"))` keeps its module, and what that imports, out of the start
+    of every other command.
+    """
+
+
+def register_folders(register: RegisterFolder) -> None:
+    """Folders of recipes and worlds: a path is registered, relative to the plugin's module or absolute.
+
+    `experiment/NAME.yaml` in it runs as `experiment=NAME`, `worlds/NAME.yaml` is found as `sensor.world=NAME`.
+    """

@@ -21,6 +21,7 @@ PANORAMA_SHAPE = (128, 512)  # rows, columns: about the resolution that a 250 x 
 LARGEST_SIDE = 32764  # pixels, of what OpenCV remaps
 MAP_BYTES = 64.0  # of a panorama's pixel, while it is looked up where the camera shows it
 UNSEEN = -1e4  # the pixel of a direction that has none
+SEAM = 1  # columns of the other end beside a picture that goes all the way around, for what lies between both ends
 
 
 def to_gray(images: Bytes) -> Bytes:
@@ -35,16 +36,38 @@ def to_gray(images: Bytes) -> Bytes:
 
 def to_color(images: Bytes) -> Bytes:
     """RGB images (N, H, W, 3) of RGB or grey ones (N, H, W)."""
-    return images if images.ndim == 4 else np.repeat(images[..., None], 3, axis=-1)
+    if images.ndim == 4:
+        return images
+    if images.size == 0:  # which OpenCV refuses
+        return np.empty((*images.shape, 3), images.dtype)
+    import cv2
+
+    n, h, w = images.shape
+    return np.asarray(cv2.cvtColor(images.reshape(n * h, w), cv2.COLOR_GRAY2RGB), np.uint8).reshape(n, h, w, 3)
+
+
+def goes_around(camera: Camera) -> bool:
+    """Whether the camera's pictures are panoramas: the last column is the neighbour of the first."""
+    from omnilab.cameras.base import PanoramaCamera
+
+    return isinstance(camera, PanoramaCamera)
+
+
+def wrapped(images: Bytes, camera: Camera, columns: int) -> Bytes:
+    """Panoramas with as many columns of the other end on either side; images of other cameras as they are."""
+    if not goes_around(camera):
+        return images
+    return np.take(images, np.arange(-columns, images.shape[2] + columns), axis=2, mode="wrap")
 
 
 def mirror_view(images: Bytes, camera: Camera) -> Bytes:
     """The square around the image circle, (N, S, S[, 3]); what lies beyond the frame is left out on both sides.
 
-    A calibrated panorama has no circle: its mirror view is what the sensor `mirror` would have taken in its place.
+    That is the camera's own picture, of a mirror or of a lens that looks up or down. Panoramas, which have no circle, and
+    cameras that look ahead have what the sensor `mirror` would have taken in their place; what they do not show is black.
     """
     ring = camera.circle
-    if ring.radius == 0:
+    if ring.radius == 0 or getattr(camera, "looks", "") == "ahead":
         return _through_mirror(images, camera)
     half = min(ring.radius, ring.cx + 0.5, camera.width - 0.5 - ring.cx, ring.cy + 0.5, camera.height - 0.5 - ring.cy)
     side = int(2 * half + 1e-6)
@@ -58,17 +81,16 @@ def mirror_view(images: Bytes, camera: Camera) -> Bytes:
 
 
 def _through_mirror(images: Bytes, camera: Camera) -> Bytes:
-    """Panoramas reprojected to a hyperbolic mirror: half of it, or all of it where they show more of what is above."""
-    from omnilab.cameras import HyperbolicMirror, RayCamera, reproject
+    """Images reprojected to the thesis's mirror: half of it, or all of it where they show more of what is above."""
+    from omnilab.cameras import THESIS_HALF, THESIS_WHOLE, RayCamera, reproject
+    from omnilab.cameras.sphere import samples_of
 
     if not isinstance(camera, RayCamera):
         raise DataError(
             f"a {type(camera).__name__} has no image circle; use a descriptor whose view is 'panorama' instead of 'mirror'"
         )
-    mirror = HyperbolicMirror()
-    if sum(camera.elevations_rad) / 2 > mirror.highest_rad:
-        mirror = HyperbolicMirror(crop=1.0)
-    return reproject(images, camera, mirror, samples=4)
+    mirror = THESIS_WHOLE if sum(camera.elevations_rad) / 2 > THESIS_HALF.highest_rad else THESIS_HALF
+    return reproject(images, camera, mirror, samples=max(4, samples_of(camera, mirror)))
 
 
 def panorama(images: Bytes, camera: Camera, shape: tuple[int, int] = PANORAMA_SHAPE) -> Bytes:
@@ -79,6 +101,7 @@ def panorama(images: Bytes, camera: Camera, shape: tuple[int, int] = PANORAMA_SH
     import cv2
 
     map_u, map_v = _panorama_map(camera, shape)  # type: ignore[arg-type]  # cameras are frozen dataclasses
+    images = wrapped(images, camera, SEAM)
     unwrapped = [cv2.remap(image, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for image in images]
     pictures = np.stack(unwrapped).astype(np.uint8, copy=False)
     pictures[:, map_u < UNSEEN / 2] = 0
@@ -119,6 +142,7 @@ def _panorama_map(camera: Camera, shape: tuple[int, int]) -> tuple[Floats, Float
     azimuth = 2 * np.pi * np.arange(columns) / columns
     level = 1 - (np.arange(rows) + 0.5) / rows
     uv = camera.unwrap(*np.broadcast_arrays(azimuth[None, :], level[:, None])).astype(np.float32)
+    uv[..., 0] += SEAM * goes_around(camera)
     uv[np.isnan(uv).any(-1)] = UNSEEN
     return np.ascontiguousarray(uv[..., 0]), np.ascontiguousarray(uv[..., 1])
 

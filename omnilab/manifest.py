@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import secrets
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 from omnilab.file_kinds import content_of
 
 FILE = "manifest.json"
+DEFAULT_RECIPE = "quickstart"  # as config.yaml has it
 LARGEST_BYTES = 4 * 2**20
 
 
@@ -24,6 +26,9 @@ class Manifest:
     overrides: tuple[str, ...] = ()
     seed: int | None = None
     identity: str = ""  # the same for all runs of one configuration
+    began: str = ""  # ISO 8601
+    version: str = ""  # of omnilab
+    commit: str = ""  # of the source tree it ran from, with "+changes" if that was edited
 
     @property
     def name(self) -> str:
@@ -52,7 +57,18 @@ def read_manifest(folder: Path) -> Manifest:
         tuple(map(str, overrides)) if isinstance(overrides, list) else (),
         seed if type(seed) is int else None,
         _text(known, "identity"),
+        _text(known, "began"),
+        _text(known, "omnilab"),
+        _text(known, "commit"),
     )
+
+
+def recipe_of(experiment: str, overrides: Sequence[str]) -> str | None:
+    """The recipe that a run's overrides are added to: one that chose a study alone is named by that. None without one."""
+    names = {word.partition("=")[0] for word in overrides}
+    if "~experiment" in names:
+        return None
+    return DEFAULT_RECIPE if "study" in names and "experiment" not in names else experiment
 
 
 def new_id() -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -74,6 +74,11 @@ def sharpness(field: Floats) -> Floats:
     low, high = field.min(axis=1), field.max(axis=1)
     spread = high - low
     return np.asarray(np.divide(field.mean(axis=1) - low, spread, out=np.zeros_like(low), where=spread > 0))
+
+
+def middle(ordered: Sequence[float]) -> float:
+    """The median of numbers in their order, as NumPy has it: a list that is kept by `bisect.insort` is not sorted again."""
+    return (ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2
 
 
 def heading_error(truth_rad: Floats, answer_rad: Floats) -> Floats:

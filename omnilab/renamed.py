@@ -15,7 +15,7 @@ from types import ModuleType
 from typing import Any
 
 MODULES: dict[str, tuple[str, ...]] = {  # where the content of a module is now
-    "omnilab.cache": ("omnilab.runner.signature_cache",),
+    "omnilab.cache": ("omnilab.runner.cache",),
     "omnilab.calibration": ("omnilab.cameras.files",),
     "omnilab.cli": ("omnilab.runner.cli",),
     "omnilab.console": ("omnilab.runner.console_sink",),
@@ -36,7 +36,7 @@ MODULES: dict[str, tuple[str, ...]] = {  # where the content of a module is now
     "omnilab.registry": ("omnilab.runner.registry",),
     "omnilab.resample": ("omnilab.cameras.reproject",),
     "omnilab.run": ("omnilab.runner.config", "omnilab.runner.build", "omnilab.runner.execute"),
-    "omnilab.shelf": ("omnilab.runner.signature_store",),
+    "omnilab.shelf": ("omnilab.runner.cache.row_store",),
     "omnilab.stereo": ("omnilab.cameras.stereo",),
     "omnilab.terminal": ("omnilab.runner.terminal",),
     "omnilab.trajectories": ("omnilab.trajectory.evaluation", "omnilab.trajectory.files"),

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
+import importlib.util
+import io
 import logging
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -84,6 +88,21 @@ def omnilab(omnilab_in: Callable[..., Result], tmp_path: Path) -> Callable[..., 
     return partial(omnilab_in, tmp_path)
 
 
+@pytest.fixture(scope="session")
+def omnilab_at() -> Callable[..., Result]:
+    """`omnilab_at(folder, *arguments)`: the command in a folder and in this process, for fixtures that several tests share."""
+
+    def run(folder: Path, *arguments: str) -> Result:
+        out, err = io.StringIO(), io.StringIO()
+        here = contextlib.chdir(folder)
+        with here, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), pytest.raises(SystemExit) as end:
+            main(arguments)
+        assert isinstance(end.value.code, int)
+        return Result(end.value.code, out.getvalue(), err.getvalue())
+
+    return run
+
+
 @pytest.fixture
 def omnilab_here(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -99,3 +118,28 @@ def omnilab_here(
         return Result(end.value.code, out, err)
 
     return run
+
+
+@pytest.fixture(scope="session")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Path], Path]:
+    """`installed(source)`: a folder for PYTHONPATH with the distribution of a source tree, of which no copy is left."""
+
+    def installed(source: Path) -> Path:
+        copy, target = tmp_path_factory.mktemp("source") / "omnilab-tiny", tmp_path_factory.mktemp("installed")
+        shutil.copytree(source, copy, ignore=shutil.ignore_patterns("__pycache__"))
+        command = [*installer(), "--quiet", "--no-deps", "--target", str(target), str(copy)]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+        assert done.returncode == 0, done.stderr
+        shutil.rmtree(copy)
+        return target
+
+    return installed
+
+
+def installer() -> list[str]:
+    """What installs packages beside the interpreter that runs the tests: uv, else pip."""
+    if uv := os.environ.get("UV") or shutil.which("uv"):
+        return [uv, "pip", "install", "--python", sys.executable]
+    if importlib.util.find_spec("pip"):
+        return [sys.executable, "-m", "pip", "install"]
+    pytest.skip("neither uv nor pip is there to install a distribution with")

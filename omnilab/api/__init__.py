@@ -14,6 +14,7 @@ Shapes, units and frames are stated here and only here.
 from typing import Any
 
 from omnilab import renamed
+from omnilab.api.contract import CONTRACT_VERSION
 from omnilab.api.data import (
     Array,
     Bools,
@@ -85,15 +86,19 @@ from omnilab.api.records import (
     Tick,
     ViewLayout,
 )
+from omnilab.api.rendering import Renderer, Rendering
 from omnilab.api.results import Metric, Recorder, Report, RunResult, TakesResult
 from omnilab.api.settings import check_settings, setting
+from omnilab.api.shards import Batch, Shards
 
 __all__ = [
+    "CONTRACT_VERSION",
     "KINDS",
     "Altimeter",
     "Answers",
     "Array",
     "Backend",
+    "Batch",
     "Bools",
     "Bytes",
     "CalibratedCamera",
@@ -145,11 +150,14 @@ __all__ = [
     "Record",
     "RecordedPoses",
     "Recorder",
+    "Renderer",
+    "Rendering",
     "Report",
     "RunResult",
     "Sensor",
     "SequenceLocalizer",
     "Series",
+    "Shards",
     "Signature",
     "Signatures",
     "Sink",

@@ -34,13 +34,14 @@ from omnilab.api.data import (
 from omnilab.api.poses import Plan, PoseRequest
 from omnilab.api.records import Mesh, Record, Tick
 from omnilab.api.results import Recorder, Report
+from omnilab.api.shards import Shards
 
 
 @runtime_checkable
 class Sensor(Protocol):
     """Images of the world. Virtual ones image any pose; recorded ones say which of theirs a layout takes.
 
-    A virtual one may say of which world, `imaged_world`: its name, and a digest; its class, which ones: `shipped_worlds()`.
+    A virtual one may have `imaged_world` (name, digest), its class `shipped_worlds()`. `live = True`: the plan is the most that comes.
     """
 
     def plan(self, layout: PoseRequest) -> Plan:
@@ -282,8 +283,8 @@ class ViewFilter(Protocol):
 class Study(Protocol):
     """Drives components and measures. `needs` names the parts without which it cannot run.
 
-    A study of what describing costs says `cached: ClassVar[bool] = False`: its descriptors describe each time, not from the
-    cache. With its `metric_names: ClassVar[tuple[str, ...]]`, a misspelt `objective` is refused; see `omnilab.runner.sweeps.objective`.
+    A study of what describing costs says `cached: ClassVar[bool] = False`: its descriptors describe each time. With its
+    `metric_names: ClassVar[tuple[str, ...]]`, a misspelt `objective` is refused. With `shard_stages`, its work can be split.
     """
 
     needs: ClassVar[tuple[str, ...]]
@@ -381,6 +382,7 @@ if TYPE_CHECKING:
         backends: Mapping[str, Backend] = _GIVEN
         view_filters: Mapping[str, ViewFilter] = _GIVEN
         map: Places = _GIVEN  # a saved one
+        shards: Shards = _GIVEN  # what of the work is done here: all, unless the run is one shard of many
         default_distances: Mapping[str, Distance] = _GIVEN  # of each of `descriptors`, its own
 
 else:
@@ -389,12 +391,10 @@ else:
         [
             *((kind.name, Any, None) for kind in KINDS.values() if kind.part and kind.slot),
             *((kind.plural, Any, field(default_factory=dict)) for kind in KINDS.values() if kind.part and kind.many),
-            ("map", Any, None),
+            *[("map", Any, None), ("shards", Any, Shards())],
             ("default_distances", Any, field(default_factory=dict)),
         ],
         frozen=True,
-        namespace={
-            "__doc__": "The components a study may use, as `KINDS` has them; see its declaration for type checkers."
-        },
+        namespace={"__doc__": "The components a study may use, as `KINDS` has them; see above for their types."},
     )
     Parts.__module__ = __name__

@@ -61,6 +61,7 @@ class Plan:
     keys: Sequence[str]  # (N,) what names each image's content: file, or digest of world, camera and pose
     T_world_camera: Floats | None  # (N, 4, 4) float64, None where the recording has no positions
     omitted: Sequence[str] = ()  # one entry per pose or file left out, with its reason
+    first: int = 0  # of the part of a plan: which frame of the whole its first is
 
     def __len__(self) -> int:
         return len(self.keys)
@@ -70,3 +71,8 @@ class Plan:
         chosen = [int(i) for i in indices]
         poses = None if self.T_world_camera is None else self.T_world_camera[chosen]
         return Plan([self.keys[i] for i in chosen], poses)
+
+    def part(self, first: int, last: int) -> Plan:
+        """The frames from `first` up to `last`, which the sensor's clock counts as frames of the whole."""
+        poses = None if self.T_world_camera is None else self.T_world_camera[first:last]
+        return Plan(self.keys[first:last], poses, first=self.first + first)

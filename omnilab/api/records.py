@@ -82,6 +82,7 @@ class Mesh:
     vertices_m: Floats
     triangles: Ints
     colors: Bytes
+    one_sided: bool = False  # seen only from where the corners of a triangle run counter-clockwise
 
 
 @dataclass(frozen=True)

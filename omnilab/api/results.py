@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
@@ -44,6 +44,7 @@ class RunResult:
     status: str  # done, failed or interrupted
     metrics: Sequence[Metric] = ()  # those that were computed
     error: str = ""  # kind and message of the error that ended it
+    traceback: str = ""  # where the error is a bug
 
 
 @runtime_checkable
@@ -60,8 +61,14 @@ class Recorder(Protocol):
     def log(self, path: str, record: Record, tick: Tick | None = None) -> None:
         """Hand one record to every sink. Without a tick it holds for the whole run."""
 
-    def track(self, items: Iterable[T], stage: str, total: int, size: Any = len) -> Iterator[T]:
-        """Pass `items` on, telling the sinks after each how far the stage is (`size` of an item counts its parts)."""
+    def track(self, items: Iterable[T], stage: str, total: int, size: Any = None) -> Iterator[T]:
+        """Pass `items` on, telling the sinks after each how far the stage is (`size` of an item counts its parts).
+
+        Without it, batches such as `Frames` count as many as they hold, and items that have no length as one.
+        """
+
+    def aside(self) -> AbstractContextManager[Callable[[Callable[[], object]], object]]:
+        """A thread that makes and logs records while the study goes on: it is handed actions, which it runs in order."""
 
     def timed(self, stage: str, count: int = 1) -> AbstractContextManager[None]:
         """Measure the wall time of a stage over `count` items; the sums land in the run's cost table."""

@@ -9,6 +9,7 @@ from omnilab.cameras.base import (
     polar_pixels,
 )
 from omnilab.cameras.brown_conrady import BrownConradyCamera
+from omnilab.cameras.dual_fisheye import DualFisheyeCamera
 from omnilab.cameras.files import load_camera, save_camera
 from omnilab.cameras.kannala_brandt import KannalaBrandtCamera
 from omnilab.cameras.lenses import FisheyeCamera, PinholeCamera, UnifiedCamera
@@ -26,6 +27,7 @@ __all__ = [
     "CentralCamera",
     "ConicalMirror",
     "CylindricalCamera",
+    "DualFisheyeCamera",
     "EllipticMirror",
     "EquirectangularCamera",
     "FisheyeCamera",

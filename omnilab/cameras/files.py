@@ -69,6 +69,13 @@ def load_camera(
     return _sound(path, _with_frame(path, calibration, looks, size))
 
 
+def camera_of_info(path: Path, found: Mapping[str, Any], looks: str | None) -> RayCamera:
+    """The camera that values describe as they stand in such a file; `path` names them in errors, which are those of `load_camera`."""
+    if "model" in found:
+        return _sound(path, camera_of(path, found))
+    return _sound(path, _with_frame(path, _calibration(path, found, None, None), looks, None))
+
+
 def _calibration(path: Path, found: Mapping[str, Any], entry: str | None, distortion: str | None) -> CameraParameters:
     """What the first tool makes of a file that knows it as its own."""
     with_question = partial(opencv.calibration, distortion=distortion)

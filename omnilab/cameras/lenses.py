@@ -93,6 +93,18 @@ class AxialCamera(CentralCamera):
             inside &= ((uv >= -0.5 - 1e-9) & (uv <= np.array([self.width, self.height]) - 0.5 + 1e-9)).all(-1)
         return np.where(inside[..., None], uv, np.nan)
 
+    def image_points(self, rays: Floats) -> Floats:
+        """Points (..., 2) of the image plane, within the frame or beyond, of rays (..., 3) right, down and forward.
+
+        The rays are of any length; NaN where the model has no point.
+        """
+        unit = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+        return np.asarray(self._offsets(unit) + np.array([self.cx, self.cy]))
+
+    def rays(self, image_points: Floats) -> Floats:
+        """The inverse: unit rays (..., 3), right, down and forward."""
+        return self._rays(np.asarray(image_points, float) - [self.cx, self.cy])
+
     def flipped(self) -> Self:
         """The camera of the same pictures flipped left to right."""
         return replace(self, cx=self.width - 1 - self.cx)

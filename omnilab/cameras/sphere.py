@@ -27,11 +27,10 @@ def sphere(images: Bytes, camera: Camera) -> Bytes:
             " calibration, or choose a descriptor whose view is 'mirror' or 'panorama'"
         )
     rows = sphere_rows(camera)
-    finer = np.pi / rows / resolution_rad(camera)
-    side = int(np.clip(np.ceil(finer - 0.1), 1, FINEST))
     target = EquirectangularCamera(2 * rows, rows)
-    seen = reproject(_shown(camera)[None], camera, target, samples=side**2)[0] == 255
-    found = reproject(images, camera, target, samples=side**2)
+    samples = samples_of(camera, target)
+    seen = reproject(_shown(camera)[None], camera, target, samples=samples)[0] == 255
+    found = reproject(images, camera, target, samples=samples)
     return np.asarray(found * (seen if images.ndim == 3 else seen[..., None]), np.uint8)
 
 
@@ -48,6 +47,13 @@ def _shown(camera: RayCamera) -> Bytes:
 def sphere_rows(camera: RayCamera) -> int:
     """How many rows, an even number, a sphere has whose pixels are no smaller than the camera's; 256 at most."""
     return int(min(MOST_ROWS, 2 * max(4, round(np.pi / resolution_rad(camera) / 2))))
+
+
+@lru_cache(maxsize=16)
+def samples_of(source: RayCamera, target: RayCamera) -> int:
+    """How many samples a pixel of the target takes of the source's picture: as many as it has pixels there, 16 at most."""
+    finer = resolution_rad(target) / resolution_rad(source)
+    return int(np.clip(np.ceil(finer - 0.1), 1, FINEST)) ** 2
 
 
 @lru_cache(maxsize=16)

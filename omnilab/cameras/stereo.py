@@ -50,6 +50,11 @@ class StereoCamera(RayCamera):
         return self.left.circle
 
     @property
+    def looks(self) -> str:
+        """Where the axes lie: that of `AxialCamera`."""
+        return self.left.looks
+
+    @property
     def elevations_rad(self) -> tuple[float, float]:
         return self.left.elevations_rad
 

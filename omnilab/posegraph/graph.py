@@ -142,15 +142,15 @@ def arrivals(graph: PoseGraph) -> Iterator[Arrival]:
     if len(np.unique(graph.edges.max(axis=1))) < len(graph) - 1:  # some node has no edge to a lower one
         order[1:] = [node for _, node, _, _ in spanning_tree(graph)]
     ends = np.argsort(order)[graph.edges]
-    newest = ends.max(axis=1)
+    oldest, newest = ends.min(axis=1), ends.max(axis=1)
     ranked = np.argsort(newest, kind="stable")
     starts = np.searchsorted(newest[ranked], np.arange(len(graph) + 1))
     T = matrices(graph.motions)
     motions = vectors(np.where((ends[:, 1] > ends[:, 0])[:, None, None], T, inverse(T)), graph.planar)
     for number in range(1, len(graph)):
         own = ranked[starts[number] : starts[number + 1]]
-        first = own[np.argmax(ends[own].min(axis=1))]  # from the one that came last
-        yield Arrival(int(order[number]), int(ends[first].min()), motions[first], own, ends[own])
+        first = own[np.argmax(oldest[own])]  # from the one that came last
+        yield Arrival(int(order[number]), int(oldest[first]), motions[first], own, ends[own])
 
 
 def moved(pose: Floats, motion: Floats) -> Floats:
@@ -236,15 +236,13 @@ def _edge(graph: PoseGraph, which: npt.NDArray[Any]) -> str:
 
 
 def _islands(graph: PoseGraph) -> list[int]:
-    """One node of each part that node 0 is not joined to."""
-    parent = list(range(len(graph)))
-
-    def root(i: int) -> int:
-        while parent[i] != i:
-            parent[i] = i = parent[parent[i]]
-        return i
-
-    for i, j in graph.edges.tolist():
-        a, b = sorted((root(i), root(j)))
-        parent[b] = a
-    return [i for i in range(1, len(graph)) if parent[i] == i]
+    """The first node of each part that node 0 is not joined to."""
+    nodes = np.arange(len(graph))
+    first = nodes.copy()  # of what each node is known to be joined to
+    while (ends := first[graph.edges]).size and (
+        ends[:, 0] != ends[:, 1]
+    ).any():  # at most half of the parts are left each time
+        np.minimum.at(first, ends.max(axis=1), ends.min(axis=1))
+        while ((nearer := first[first]) != first).any():
+            first = nearer
+    return [int(i) for i in np.flatnonzero(first == nodes)[1:]]

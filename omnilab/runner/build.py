@@ -14,7 +14,7 @@ from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from omnilab.api import KINDS
 from omnilab.api.settings import out_of_range
-from omnilab.errors import ConfigError, DataError
+from omnilab.errors import ConfigError, DataError, with_article
 from omnilab.runner.boundaries import check_declared
 from omnilab.runner.config import Run, Settings, components_of, literal, logs_folder, structured
 from omnilab.runner.input_files import file_digests, leaves, listed, unknown_inputs
@@ -22,6 +22,7 @@ from omnilab.runner.map_file import about_map, map_file
 from omnilab.runner.overrides.compose_errors import not_inserted, sentence
 from omnilab.runner.overrides.setting_types import wanted
 from omnilab.runner.registry import DICTS, Registry, members
+from omnilab.runner.shards.shard import shard_of
 from omnilab.runner.sweeps.objective import check_objective
 
 LONGEST_TEXT = 4096  # characters, as of a path
@@ -30,7 +31,25 @@ log = logging.getLogger("omnilab")
 
 
 def build(config: DictConfig, registry: Registry) -> Run:
-    """Live components from a composed configuration, each slot checked against its Protocol."""
+    """The run of a composed configuration: live components, each slot checked against its Protocol, none lacking."""
+    run = components(config, registry)
+    if run.study is None:
+        raise ConfigError("study is not set and has no default; give study=NAME")
+    logs_folder(run.logs)
+    lacking = [slot for slot in run.study.needs if not _is_filled(getattr(run, slot))]
+    if lacking:
+        options = "; ".join(_way_to_fill(slot, registry) for slot in lacking)
+        needed = " and ".join(slot if slot in DICTS else with_article(slot) for slot in lacking)
+        raise ConfigError(f"the study needs {needed}, and none is chosen; give {options}")
+    check_objective(run.objective, run.study)
+    shard_of(run.shard, run.study)
+    return run
+
+
+def components(config: DictConfig, registry: Registry) -> Run:
+    """Live components from a composed configuration, which need not be all that a run has: it may lack a study."""
+    if OmegaConf.is_missing(config, "study"):
+        config.study = None
     _refuse_unfilled(config)
     _refuse_unknown(config)
     _refuse_nested(config)
@@ -55,12 +74,6 @@ def build(config: DictConfig, registry: Registry) -> Run:
         run.distance = registry.get("distance", run.descriptor.default_distance).cls()
     for path, kind, value in components_of(vars(run)):
         _check_slot(path, kind, value, registry)
-    logs_folder(run.logs)
-    lacking = [slot for slot in run.study.needs if not _is_filled(getattr(run, slot))]
-    if lacking:
-        options = "; ".join(_way_to_fill(slot, registry) for slot in lacking)
-        raise ConfigError(f"the study needs a {' and a '.join(lacking)}, and none is chosen; give {options}")
-    check_objective(run.objective, run.study)
     return run
 
 
@@ -212,7 +225,9 @@ def _check_slot(path: str, kind: str, value: Any, registry: Registry) -> None:
         raise ConfigError(f"{path} is plain YAML without a component; {remedy} (registered: {', '.join(names)})")
     lacking = [member for member in members(KINDS[kind].protocol) if not hasattr(value, member)]
     if lacking:
-        raise ConfigError(f"{path} is a {type(value).__name__}, which lacks {', '.join(lacking)}; choose a {kind}")
+        raise ConfigError(
+            f"{path} is a {type(value).__name__}, which lacks {', '.join(lacking)}; choose {with_article(kind)}"
+        )
     check_declared(kind, value, registry.title_of(kind, value))
 
 
@@ -229,6 +244,8 @@ def again(
     that settings name and whose digests are not the `known` ones, where these are given.
     """
     _check_saved(saved, manifest)
+    if saved.get("shard") is not None:
+        raise DataError(f"the run is shard {saved['shard']} of a sweep; give the sweep's last run, which merged all")
     config = OmegaConf.structured(Run)
     for name in saved.keys() - KINDS.keys() - DICTS.keys():
         try:
@@ -240,6 +257,11 @@ def again(
     for path, kind, settings in components_of(saved):
         if settings is not None:
             component = _component(path, kind, settings, manifest, registry)
+            if known is not None and getattr(OmegaConf.get_type(component), "live", False):
+                raise DataError(
+                    f"the run's {path} was live, as a camera or an address is: it shows other pictures now, and a saved run may"
+                    " name any; add --trust to open it nevertheless"
+                )
             if folder is not None:
                 _write_below(folder, path, component)
             OmegaConf.update(config, path, component)

@@ -8,17 +8,16 @@ import json
 import re
 import sys
 from collections.abc import Iterator, Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from omnilab import hooks
 from omnilab.api import KINDS
 from omnilab.errors import ConfigError, DataError, OmnilabError, did_you_mean, of_machine, visible
-from omnilab.runner.compare.command import compare
 from omnilab.runner.discovery import discover, discover_loudly
 from omnilab.runner.interrupts import uninterrupted
 from omnilab.runner.manual import settings_data, settings_of
+from omnilab.runner.plugins.folders import comment_of
 from omnilab.runner.remote.options import add_server
 from omnilab.runner.repair import mend, mend_copy
 from omnilab.runner.run_folder import RUNNING, UNREADABLE, LoadedRun, find_runs, load_run, new_folder_name
@@ -67,47 +66,57 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def _dispatch(argv: list[str]) -> int:
     if argv and argv[0] in COMMANDS:
-        return COMMANDS[argv[0]](argv[1:])
+        return _loaded(COMMANDS[argv[0]])(argv[1:])
     if argv == ["--version"]:
         from omnilab import __version__
 
         sys.stdout.write(f"omnilab {__version__}\n")
         return 0
     if argv and re.fullmatch(r"[a-z]+", argv[0]):
-        return _plugins_command(argv[0])(argv[1:])
+        return _loaded(_plugins_command(argv[0]))(argv[1:])
     with uninterrupted():
         from omnilab.runner.hydra_app import experiment
+        from omnilab.runner.overrides.completion import is_asked, next_words, recipes_alone
 
         registry = discover_loudly()
     if "--help" in argv or "-h" in argv:
         return _help(registry)
+    if is_asked(argv):
+        words, more = next_words(_command_names(registry), registry)
+        sys.stdout.write("".join(f"{word}\n" for word in words))
+        with recipes_alone():
+            return experiment(argv, registry) if more else 0
     return experiment(argv, registry)
 
 
 def _help(registry: Registry) -> int:
     """What can be run. Hydra's own help copies all settings of all components for each kind, which takes seconds."""
-    names = {"experiment": _experiments()}
+    names = {"experiment": sorted(registry.recipes), "world": sorted(registry.worlds)}
     names |= {kind: registry.names(kind) for kind in KINDS}
     sys.stdout.write(
         HELP.format(
-            commands=" | ".join([*COMMANDS, *sorted(registry.commands)]),
+            commands=" | ".join(_command_names(registry)),
             names="\n".join(f"{kind}: {', '.join(names[kind])}" for kind in sorted(names)),
         )
     )
     return 0
 
 
-def _experiments() -> list[str]:
-    """The names of the shipped experiments."""
-    names = (path.name for path in (files("omnilab.conf") / "experiment").iterdir())
-    return sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml"))
+def _command_names(registry: Registry) -> list[str]:
+    """Our commands and those of plugins, each once: one of ours may hand on to one of a plugin."""
+    return [*COMMANDS, *sorted(registry.commands.keys() - COMMANDS.keys())]
+
+
+def _loaded(command: hooks.Command) -> hooks.Command:
+    with uninterrupted():
+        return command.load() if isinstance(command, hooks.CommandIn) else command
 
 
 def _plugins_command(name: str) -> hooks.Command:
     registry = discover_loudly()
     commands = registry.commands
     if name not in commands:
-        known = [*COMMANDS, *sorted(commands)]
+        known = _command_names(registry)
         raise ConfigError(
             f"'{name}' is no command; there is {', '.join(known)}, and overrides such as experiment=grid"
             + did_you_mean(name, known)
@@ -117,7 +126,7 @@ def _plugins_command(name: str) -> hooks.Command:
 
 
 def plugins(argv: list[str]) -> int:
-    """List every component there is, failures last; or show the manual of those that are named."""
+    """List every component, recipe and world there is, failures last; or show the manual of those that are named."""
     parser = argparse.ArgumentParser("omnilab plugins", description=plugins.__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help="show the manual and the settings of this component")
     parser.add_argument(
@@ -141,19 +150,31 @@ def plugins(argv: list[str]) -> int:
 
 
 def _print_plugins(registry: Registry) -> None:
-    from rich.console import Console
+    from rich.console import Console, Group
     from rich.padding import Padding
     from rich.text import Text
 
-    console = Console(highlight=False)
+    lines: list[Text | Padding] = []
+
+    def add(name: str, origin: str, summary: str) -> None:
+        parts = ("  ", (name, "cyan"), "  ", (visible(origin), "dim"))
+        lines.append(Text.assemble(*parts, no_wrap=True, overflow="ignore"))
+        if summary:
+            lines.append(Padding(Text(summary), (0, 0, 0, 6)))
+
     for kind in KINDS:
-        console.print(f"[bold]{kind}[/bold]")
+        lines.append(Text(kind, "bold"))
         for name in registry.names(kind):
             component = registry.get(kind, name)
             cls, plugin = component.cls, component.plugin
             origin = f"{cls.__module__}.{cls.__qualname__}, {plugin.distribution} {plugin.version}"
-            console.print(Text.assemble("  ", (name, "cyan"), "  ", (visible(origin), "dim")), soft_wrap=True)
-            console.print(Padding(Text(component.summary), (0, 0, 0, 6)))
+            add(name, origin, component.summary)
+    for what, shipped in ("experiment", registry.recipes), ("world", registry.worlds):
+        lines.append(Text(what, "bold"))
+        for name, found in sorted(shipped.items()):
+            origin = f"{found.file}, {found.plugin.distribution} {found.plugin.version}"
+            add(name, origin, visible(comment_of(found.file)[0]))
+    Console(highlight=False).print(Group(*lines), crop=False)
 
 
 def _print_manuals(names: Sequence[str], registry: Registry) -> None:
@@ -182,6 +203,13 @@ def _print_data(names: Sequence[str], registry: Registry) -> None:
          "manual": inspect.cleandoc(cls.__doc__ or ""), "settings": settings_data(cls)}
         for kind, name, distribution, cls in found
     ]  # fmt: skip
+    if not names:
+        shipped = [("experiment", registry.recipes), ("world", registry.worlds)]
+        data += [
+            {"kind": what, "name": name, "distribution": found.plugin.distribution,
+             "manual": " ".join(comment_of(found.file)), "settings": [], "file": str(found.file)}
+            for what, each in shipped for name, found in each.items()
+        ]  # fmt: skip
     sys.stdout.write(json.dumps(data, indent=1, allow_nan=False) + "\n")
 
 
@@ -189,10 +217,12 @@ def _of_names(names: Sequence[str], registry: Registry) -> Iterator[Component]:
     """The components that are called so, of any kind; ConfigError for a name that none has."""
     for name in names:
         found = [c for c in registry.components.values() if name in {c.name, c.formerly}]
-        if not found and name in _experiments():
+        if not found and name in registry.recipes:
             raise ConfigError(
                 f"'{name}' is an experiment, no component; its settings: omnilab experiment={name} --cfg job"
             )
+        if not found and name in registry.worlds:
+            raise ConfigError(f"'{name}' is a world, no component; a virtual camera is in it with sensor.world={name}")
         if not found:
             known = sorted({component.name for component in registry.components.values()})
             raise ConfigError(
@@ -339,34 +369,16 @@ def _run_parser(command: str, description: str | None) -> argparse.ArgumentParse
     return parser
 
 
-def sweep(argv: list[str]) -> int:
-    """Go on with a sweep, watch it, or list the sweeps there are."""
-    with uninterrupted():
-        from omnilab.runner.sweeps.commands import sweep as command  # and Hydra, which reads its overrides
-    return command(argv)
-
-
-def fidelity(argv: list[str]) -> int:
-    """Measure what the publications behind the recipes claim."""
-    with uninterrupted():
-        from omnilab.runner.fidelity.command import fidelity as command  # and Hydra, which composes recipes
-    return command(argv)
-
-
-def submit(argv: list[str]) -> int:
-    """Put an experiment into the queue of a server."""
-    from omnilab.runner.remote.commands import submit as command  # and the network
-
-    return command(argv)
-
-
 COMMANDS: dict[str, hooks.Command] = {
     "plugins": plugins,
+    "new": hooks.CommandIn("omnilab.runner.authoring.new", "new"),
     "runs": runs,
     "repeat": repeat,
     "repair": repair,
-    "sweep": sweep,
-    "compare": compare,
-    "fidelity": fidelity,
-    "submit": submit,
+    "sweep": hooks.CommandIn("omnilab.runner.sweeps.commands", "sweep"),
+    "compare": hooks.CommandIn("omnilab.runner.compare.command", "compare"),
+    "fidelity": hooks.CommandIn("omnilab.runner.fidelity.command", "fidelity"),
+    "submit": hooks.CommandIn("omnilab.runner.remote.commands", "submit"),
+    "docs": hooks.CommandIn("omnilab.runner.site.command", "docs"),
+    "check": hooks.CommandIn("omnilab.runner.authoring.check", "check"),
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, make_dataclass
 from typing import TYPE_CHECKING, Any, get_type_hints
 
@@ -13,6 +13,7 @@ from omegaconf import MISSING, DictConfig, OmegaConf
 from omnilab.api import KINDS, setting
 from omnilab.errors import ConfigError
 from omnilab.runner.registry import DICTS, Registry
+from omnilab.runner.shards.shard import ALL
 
 
 @dataclass
@@ -28,10 +29,11 @@ class Settings:
     objective: Any = (
         None  # METRIC, -METRIC or a list of them: what a sweeper is told of the run; null: its first metric
     )
+    shard: str | None = None  # the share of the work that a job of `shards=N` does: STAGE-K-of-N
     logs: str = setting("logs", writes=True)  # where run folders go
     cache: str | None = setting(
         "cache", writes=True
-    )  # folder of descriptions, within `logs` unless absolute; off: describe everything anew
+    )  # folder of images and descriptions, within `logs` unless absolute; off: render and describe everything anew
     cache_gb: float = setting(4.0, above=0, at_most=1e6)  # at most; then those go that were used longest ago
 
 
@@ -69,6 +71,27 @@ def logs_folder(logs: str) -> str:
     if not logs.strip():
         raise ConfigError(f"logs='{logs}' names no folder; give logs=DIR, or logs=. for the folder that you are in")
     return logs
+
+
+NAMED = 4  # of a sweep over studies, in the name of its folder
+
+
+def run_name(choices: Mapping[str, Any], overrides: Sequence[str]) -> str:
+    """What a run is called, and the folder of its folder: its recipe, or its study where that alone was chosen.
+
+    A sweep over some of them is called by all, as in `grid-steps`.
+    """
+    given = dict(word.split("=", 1) for word in overrides if "=" in word)
+    experiment, study = choices.get("experiment"), choices.get("study")
+    chosen = given.get("experiment", given.get("study", ""))
+    if re.fullmatch(r"\w+(,\w+)+", chosen):
+        first, *others = dict.fromkeys(chosen.split(","))
+        return "-".join([first, *(others if len(others) < NAMED else [f"and-{len(others)}-more"])])
+    if experiment is None or ("experiment" not in given and given.get("study") == study):
+        if study is None:
+            raise ConfigError("neither an experiment nor a study is chosen; give experiment=NAME or study=NAME")
+        return str(study)
+    return str(experiment)
 
 
 def literal(settings: Any) -> Any:
@@ -120,8 +143,9 @@ def resolved_yaml(run: Run) -> str:
 
 
 def resolved(run: Run) -> DictConfig:
-    """All that a run's results depend on; its objective is the sweeper's business."""
-    return OmegaConf.create({name: _settings(value) for name, value in vars(run).items() if name != "objective"})
+    """All that a run's results depend on; its objective is the sweeper's business, and what merges shards is the whole."""
+    left_out = {"objective"} if run.shard is not None and not run.shard.startswith(ALL) else {"objective", "shard"}
+    return OmegaConf.create({name: _settings(value) for name, value in vars(run).items() if name not in left_out})
 
 
 def _settings(value: Any) -> Any:

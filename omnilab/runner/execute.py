@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import os
 import resource
 import sys
 import time
@@ -11,16 +12,19 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
+from traceback import format_exc
 from typing import Any
 
 import numpy as np
 from omegaconf import OmegaConf
 
-from omnilab.api import KINDS, Parts, Progress, Report, RunResult, Text, is_cached
+from omnilab.api import KINDS, Parts, Progress, Report, RunResult, Shards, Text, is_cached
 from omnilab.errors import OmnilabError, of_machine
 from omnilab.limits import limited
-from omnilab.manifest import new_id
-from omnilab.runner.boundaries import check_report, ending, guard
+from omnilab.manifest import new_id, read_manifest
+from omnilab.memory import keep_freed
+from omnilab.runner.boundaries import SpotCheck, check_report, ending, guard
+from omnilab.runner.cache import DiskCache
 from omnilab.runner.config import Run, named_components, resolved, resolved_yaml
 from omnilab.runner.console_sink import Console
 from omnilab.runner.input_files import file_digests
@@ -29,7 +33,7 @@ from omnilab.runner.map_file import FILE, load_places, save_map
 from omnilab.runner.recorder import ProgressFile, Recorder
 from omnilab.runner.registry import Registry
 from omnilab.runner.run_folder import DONE, FAILED, INTERRUPTED, WARNINGS, RunFolder, origin
-from omnilab.runner.signature_cache import SignatureCache
+from omnilab.runner.shards.work import ShareDone
 from omnilab.runner.sweeps.identity import job_identity
 
 SHOWN = 3  # warnings above a summary
@@ -46,15 +50,20 @@ def execute(
     overrides: Sequence[str] = (),
     experiment: str = "",
     show: Callable[[Report], object] = lambda _: None,
+    shards: Shards | None = None,
 ) -> Report:
-    """Run the study, and leave a complete run folder whatever happens; results are shown before they are written."""
+    """Run the study, and leave a complete run folder whatever happens; results are shown before they are written.
+
+    `shards`: the share of the work that is done; None: all.
+    """
     config_yaml = resolved_yaml(run)
     manifest = manifest_of(run, registry, overrides, experiment, config_yaml)
+    keep_freed()
     with HeldSignals() as signals:
         run_folder = RunFolder(folder)
         run_folder.open(manifest, config_yaml, Path(run.logs) / "latest")
         progress, cache, start = ProgressFile(folder), None, time.perf_counter()
-        recorder = Recorder(run.sinks, folder, progress.note)
+        recorder = Recorder(run.sinks, folder, progress.note, read_manifest(folder))
         last_status: dict[str, Any] = {"status": INTERRUPTED}
         log.info("run of experiment '%s' starts: %s", experiment, " ".join(overrides))
         try:
@@ -63,7 +72,7 @@ def execute(
                 logs = _concluded(recorder, run_folder)
                 with progress, pinned(run.threads), signals.heard(recorder.interrupt), recorder, logs:
                     with limited(run.limits):
-                        report = _studied(run, registry, cache, recorder)
+                        report = _studied(run, _parts(run, registry, cache, shards or Shards()), registry, recorder)
                     recorder.result = RunResult(DONE, report.metrics)
                     with signals.held():
                         progress.note(Progress(RESULTS, 0, 0))
@@ -92,7 +101,7 @@ def execute(
 @contextmanager
 def _concluded(recorder: Recorder, run_folder: RunFolder) -> Iterator[None]:
     """The recorder knows how the run ended, and with which metrics, before it closes the logs."""
-    status, error = INTERRUPTED, ""
+    status, error, where = INTERRUPTED, "", ""
     try:
         yield
         if run_folder.missing:
@@ -103,17 +112,21 @@ def _concluded(recorder: Recorder, run_folder: RunFolder) -> Iterator[None]:
         raise
     except BaseException as mistake:
         status, error = FAILED, _message(mistake)
+        where = "" if isinstance(mistake, OmnilabError) else format_exc()
         raise
     finally:
         metrics = recorder.result.metrics if recorder.result else ()
-        recorder.result = RunResult(status, metrics, error)
+        recorder.result = RunResult(status, metrics, error, where)
 
 
-def _studied(run: Run, registry: Registry, cache: SignatureCache | None, recorder: Recorder) -> Report:
+def _studied(run: Run, parts: Parts, registry: Registry, recorder: Recorder) -> Report:
     """What the study found, checked and logged."""
     for failure in registry.failures:
         log.info("%s", failure.sentence)  # the command line has printed it
-    report: Report = run.study.run(_parts(run, registry, cache), recorder, np.random.default_rng(run.seed))
+    try:
+        report: Report = run.study.run(parts, recorder, np.random.default_rng(run.seed))
+    except ShareDone as done:
+        report = done.report
     check_report(report, registry.title_of("study", run.study))
     _log_results(report, recorder)
     return report
@@ -196,23 +209,28 @@ def _about(run: Run, registry: Registry) -> dict[str, Any]:
     }
 
 
-def _cache(run: Run) -> SignatureCache | None:
-    """Where descriptions are kept; None if they are not, or the study measures what describing costs."""
-    if run.cache is None or run.cache.lower() in OFF or not is_cached(run.study):
+def _cache(run: Run) -> DiskCache | None:
+    """Where descriptions and renderings are kept; None if they are not."""
+    if run.cache is None or run.cache.lower() in OFF:
         return None
-    return SignatureCache(Path(run.logs) / run.cache, int(run.cache_gb * 1e9), run.threads)
+    return DiskCache(Path(run.logs) / run.cache, int(run.cache_gb * 1e9), run.threads)
 
 
-def _parts(run: Run, registry: Registry, cache: SignatureCache | None) -> Parts:
-    """The components that the study is given: descriptors with the cache, and all of them guarded."""
+def _parts(run: Run, registry: Registry, cache: DiskCache | None, shards: Shards) -> Parts:
+    """The components that the study is given: descriptors and virtual cameras with the cache, and all of them guarded."""
+    kept = {"sensor", "descriptor"} if is_cached(run.study) else {"sensor"}  # or it measures what describing costs
 
     def given(kind: str, component: Any) -> Any:
         if component is None:
             return None
         title = registry.title_of(kind, component)
-        return guard(cache.wrap(component) if cache and kind == "descriptor" else component, kind, title)
+        own = cache.wrap(component) if cache and kind in kept else component
+        if kind != "descriptor" or kind not in kept:
+            return guard(own, kind, title)
+        registered = registry.of(component)
+        return guard(own, kind, title, SpotCheck(component, title, registered.name if registered else "NAME"))
 
-    parts: dict[str, Any] = {"map": run.map and load_places(Path(run.map))}
+    parts: dict[str, Any] = {"map": run.map and load_places(Path(run.map)), "shards": shards}
     for kind in (kind for kind in KINDS.values() if kind.part):
         if kind.slot:
             parts[kind.name] = given(kind.name, getattr(run, kind.name))
@@ -224,21 +242,30 @@ def _parts(run: Run, registry: Registry, cache: SignatureCache | None) -> Parts:
 
 @contextmanager
 def pinned(threads: int) -> Iterator[None]:
-    """Fix the number of math threads, so that sums are made in the same order alone and in a sweep."""
+    """Fix the number of math threads, so that sums are made in the same order alone and in a sweep.
+
+    Those of OpenMP, numba's too, sleep while they wait: as a rule they turn in circles, which on a busy machine takes a
+    hundred times as long as a small image's work. That holds if OpenMP was not loaded before.
+    """
     from threadpoolctl import threadpool_limits
 
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     with threadpool_limits(limits=threads):
         yield
 
 
-def _costs(recorder: Recorder, cache: SignatureCache | None, wall_s: float) -> list[tuple[str, float, str]]:
+def _costs(recorder: Recorder, cache: DiskCache | None, wall_s: float) -> list[tuple[str, float, str]]:
     rows = [("wall", wall_s, "s")]
     for stage, (seconds, count) in recorder.costs.items():
         rows.append((stage, seconds, "s"))
         if count > 1:
             rows.append((f"{stage}, each", 1e3 * seconds / count, "ms"))
-    if cache is not None and cache.found + cache.made > 0:
-        rows += [("described", cache.made, "images"), ("taken from the cache", cache.found, "images")]
+    for method, made, found in (
+        ("render", "rendered", "renderings taken from the cache"),
+        ("describe", "described", "taken from the cache"),
+    ):
+        if cache is not None and cache.found[method] + cache.made[method] > 0:
+            rows += [(made, cache.made[method], "images"), (found, cache.found[method], "images")]
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     rows.append(("peak memory", peak / (2**20 if sys.platform == "darwin" else 2**10), "MiB"))
     return rows

@@ -21,7 +21,7 @@ from omnilab.api import Report
 from omnilab.errors import ConfigError, DataError, OmnilabError, of_machine
 from omnilab.runner.boundaries import ending
 from omnilab.runner.build import build
-from omnilab.runner.config import Run, literal, logs_folder
+from omnilab.runner.config import Run, literal, logs_folder, run_name
 from omnilab.runner.execute import execute
 from omnilab.runner.interrupts import HeldSignals
 from omnilab.runner.overrides.command_line import for_hydra, quoted
@@ -30,6 +30,8 @@ from omnilab.runner.overrides.composition import in_sentences
 from omnilab.runner.registry import Registry
 from omnilab.runner.run_folder import DONE, FAILED, RunFolder, new_folder_name, origin, write_csv
 from omnilab.runner.run_folder.names import SUMMARY
+from omnilab.runner.shards.words import in_shards
+from omnilab.runner.shards.work import JobPlace, shards_of_job
 from omnilab.runner.streams import printed_into
 from omnilab.runner.sweeps.active import ActiveSweep
 from omnilab.runner.sweeps.identity import job_identity
@@ -52,9 +54,10 @@ def experiment(argv: list[str], registry: Registry) -> int:
 
     Returns the exit code.
     """
-    Sweep.command, (argv, Sweep.resumed) = argv, resumption(argv)
+    Sweep.command, (argv, Sweep.resumed) = argv, resumption(in_shards(argv, registry, print_error))
     OmegaConf.register_new_resolver("omnilab_folder", new_folder_name, use_cache=True, replace=True)
     OmegaConf.register_new_resolver("omnilab_logs", logs_folder, replace=True)
+    OmegaConf.register_new_resolver("omnilab_name", _name, replace=True)
     task = Task(registry)
     os.environ["HYDRA_FULL_ERROR"] = "1"  # exceptions come to us instead of being printed by Hydra
     argv = for_hydra(argv, registry)
@@ -89,6 +92,10 @@ def _hydra(task: Task, argv: list[str], registry: Registry) -> None:
         raise DataError("no trial of the search has an objective; the lines above say why") from error
 
 
+def _name(*, _root_: DictConfig) -> str:
+    return run_name(_root_.hydra.runtime.choices, _as_is(_root_.hydra.overrides)["task"])  # which may hold ${...}
+
+
 class Task:
     """What Hydra calls for each job. In a worker of a parallel launcher it is a copy, which looks for plugins itself."""
 
@@ -106,7 +113,7 @@ class Task:
         state = HydraConfig.get()
         folder = Path(_as_is(state.runtime)["output_dir"])
         overrides = _as_is(state.overrides)["task"]
-        name = str(state.runtime.choices.get("experiment"))
+        name = run_name(state.runtime.choices, overrides)
         if state.mode is RunMode.MULTIRUN:
             number, subdir = int(state.job.env_set[JOB]), str(state.sweep.subdir)
             sweep = folder if subdir == IN_SWEEP else folder.parents[len(Path(subdir).parts) - 1]
@@ -144,7 +151,7 @@ def run_job(config: DictConfig, registry: Registry, life: JobLife, overrides: li
     try:
         if not life.begin(lambda: job_identity(_built(config, registry), registry)):
             return "another process runs the job, or has"
-        report = _run(config, registry, folder, overrides, name, show)
+        report = _run(config, registry, folder, overrides, name, show, life.sweep)
     except Exception as error:  # noqa: BLE001  bugs are shown in full; the other jobs must not pay for them
         for report in computed:  # which may not be on the disk
             show_run(report, folder)
@@ -197,9 +204,12 @@ def _run(
     overrides: list[str],
     name: str,
     show: Callable[[Report], object],
+    sweep: Path | None = None,
 ) -> Report:
     try:
-        return execute(_built(config, registry), folder, registry, overrides, name, show)
+        run = _built(config, registry)
+        shards = shards_of_job(run, registry, JobPlace(sweep, folder, overrides) if sweep else None)
+        return execute(run, folder, registry, overrides, name, show, shards)
     except BaseException:
         with suppress(OSError):  # it holds something, or is not there
             folder.rmdir()  # Hydra made it; nothing was run

@@ -8,6 +8,7 @@ from __future__ import annotations
 import gc
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -25,9 +26,10 @@ _slow = threading.Event()
 def uninterrupted() -> Iterator[None]:
     """Ctrl-C waits until all is imported: libraries with a bare `except` would swallow it there.
 
-    So does garbage collection: imports leave none, and looking for it takes a tenth of their time.
+    So does garbage collection: imports leave none, and looking for it takes a tenth of their time. What they brought is
+    here to stay, and never looked through.
     """
-    collects = gc.isenabled()
+    collects, modules = gc.isenabled(), len(sys.modules)
     try:
         before = signal.signal(signal.SIGINT, _hold)
     except ValueError:  # not in the main thread: whoever runs us there has signals in hand
@@ -41,6 +43,8 @@ def uninterrupted() -> Iterator[None]:
     finally:
         signal.signal(signal.SIGINT, before)
         if collects:
+            if len(sys.modules) > modules:
+                gc.freeze()
             gc.enable()
     if _came:
         raise KeyboardInterrupt

@@ -1,4 +1,4 @@
-"""Finds plugins, checks what they register, and puts it into Hydra's ConfigStore.
+"""Finds plugins, and checks what they register.
 
 Plugins are loaded one by one, each with a manager of its own: a broken one becomes a `Failure` and never stops the
 others. The environment variable ``OMNILAB_PLUGINS`` is a comma-separated list: a path ``file.py`` loads that file
@@ -8,52 +8,36 @@ all installed ones out but for those that are named.
 
 from __future__ import annotations
 
-import os
 import re
-import shlex
 import traceback
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from importlib.metadata import Distribution, EntryPoint, PackageNotFoundError, distributions, entry_points, requires
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import pluggy
-from hydra.core.config_store import ConfigNode, ConfigStore
-from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
 
 from omnilab import hooks, renamed
 from omnilab.api import KINDS
 from omnilab.errors import ConfigError, PluginError, did_you_mean
-from omnilab.hooks import COMMANDS_HOOK
+from omnilab.hooks import COMMANDS_HOOK, FOLDERS_HOOK
 from omnilab.runner.interrupts import interrupted, noticed, uninterrupted
-from omnilab.runner.plugin_files import VARIABLE, chosen_plugins, file_of, load_file
+from omnilab.runner.plugin_files import chosen_plugins
+from omnilab.runner.plugins.contract import news_for
+from omnilab.runner.plugins.finding import ITSELF, Plugin, plugins, without
+from omnilab.runner.plugins.folders import Shipped, folder_of, own_recipes
+from omnilab.runner.plugins.plain_settings import are_plain
 from omnilab.runner.repair import RunsOnDisk
 from omnilab.runner.terminal import print_error
+from omnilab.shipped_worlds import ship_worlds
 
 DICTS = {kind.plural: kind.name for kind in KINDS.values() if kind.many}  # settings of a run that hold any number
 MANY = {kind.name: kind.plural for kind in KINDS.values() if not kind.slot}  # `disturbance=blur` goes to the dict
 HOOKS = {kind.name: kind.hook for kind in KINDS.values()}
-DAMAGED = (ValueError, TypeError, KeyError, AttributeError, OSError)  # what reading the metadata of one raises
-
-
-@dataclass(frozen=True)
-class Plugin:
-    """Where components come from."""
-
-    name: str
-    distribution: str
-    version: str
-    load: Callable[[], ModuleType] = field(compare=False)
-    word: str = ""  # that names it in OMNILAB_PLUGINS, and no other
-
-    @property
-    def title(self) -> str:
-        return f"plugin '{self.name}' ({self.distribution} {self.version})".replace(" )", ")")
+VALUES = {"null", "true", "false", "nan", "inf"}  # what Hydra reads as such
+ALL_HOOKS = ", ".join([*HOOKS.values(), COMMANDS_HOOK, FOLDERS_HOOK])
 
 
 @dataclass(frozen=True)
@@ -95,13 +79,40 @@ class Failure:
         return "".join(traceback.format_exception(self.error))
 
 
+@dataclass(frozen=True)
+class ShippedFile:
+    """A recipe or a world."""
+
+    file: Path
+    plugin: Plugin
+
+
+@dataclass
+class Offer:
+    """What one plugin registers."""
+
+    components: dict[tuple[str, str], Component] = field(default_factory=dict)
+    commands: dict[str, hooks.Command] = field(default_factory=dict)
+    shipped: Shipped = field(default_factory=Shipped)
+
+    def names(self) -> Iterator[tuple[str, str]]:
+        """What no other plugin may register, in words; and the file that it is in, or ""."""
+        yield from ((f"{kind} '{name}'", "") for kind, name in self.components)
+        yield from ((f"the command '{name}'", "") for name in self.commands)
+        yield from ((f"the recipe '{name}'", f" ({file})") for name, file in self.shipped.recipes.items())
+        yield from ((f"the world '{name}'", f" ({file})") for name, file in self.shipped.worlds.items())
+
+
 @dataclass
 class Registry:
     """All components there are, and the plugins that failed."""
 
     components: dict[tuple[str, str], Component] = field(default_factory=dict)
     commands: dict[str, hooks.Command] = field(default_factory=dict)
-    commanders: dict[str, Plugin] = field(default_factory=dict)  # by command, the plugin that it comes from
+    taken: dict[str, Plugin] = field(default_factory=dict)  # by what it is and its name, where it comes from
+    recipes: dict[str, ShippedFile] = field(default_factory=dict)
+    worlds: dict[str, ShippedFile] = field(default_factory=dict)
+    folders: dict[Path, Plugin] = field(default_factory=dict)  # of recipes and worlds, of plugins
     failures: list[Failure] = field(default_factory=list)
     formerly: dict[tuple[str, str], str] = field(default_factory=dict)  # kind and old name: what it is called now
     notes: list[str] = field(default_factory=list)  # on plugins with words of the version before
@@ -127,6 +138,8 @@ class Registry:
         """The sentence about a name that does not exist."""
         names = self.names(kind)
         sentence = f"{kind} '{name}' does not exist; there is {', '.join(names) or 'none'}"
+        if all(known == "sink" for known, _ in self.components):  # omnilab alone was installed
+            sentence += "; pip install 'omnilab[all]' brings the components, in a clone pip install . ./plugins/*"
         return sentence + did_you_mean(name, names, f"{kind}=") + self.failed
 
     @property
@@ -146,11 +159,12 @@ class Registry:
 
 
 def discover(select: str | None = None) -> Registry:
-    """Load every plugin, register what is sound, and store it for Hydra."""
+    """Load every plugin, and register what is sound."""
     chosen = chosen_plugins() if select is None else [word for word in select.split(",") if word]
     registry = Registry()
+    _take(Offer(shipped=Shipped(recipes=own_recipes())), ITSELF, registry)
     with uninterrupted():
-        for plugin in _plugins(chosen):
+        for plugin in plugins(chosen):
             try:
                 with noticed(partial(_say_slow, plugin, chosen)):
                     _add(plugin, registry, chosen)
@@ -158,145 +172,85 @@ def discover(select: str | None = None) -> Registry:
                 if interrupted():
                     raise KeyboardInterrupt from error
                 registry.failures.append(Failure(plugin, error))
+    ship_worlds({name: world.file for name, world in registry.worlds.items()})
     return registry
 
 
 def _say_slow(plugin: Plugin, chosen: Sequence[str]) -> None:
     print_error(
-        f"{plugin.title} is still being imported; Ctrl-C ends this, and {_without(plugin, chosen)} leaves it out"
+        f"{plugin.title} is still being imported; Ctrl-C ends this, and {without(plugin, chosen)} leaves it out"
     )
 
 
 def _add(plugin: Plugin, registry: Registry, chosen: Sequence[str]) -> None:
     """Load a plugin, and take what it registers where all of it is sound."""
-    components, commands = _load(plugin, registry)
-    taken = [
-        (f"{c.kind} '{c.name}'", registry.components[c.kind, c.name].plugin)
-        for c in components
-        if (c.kind, c.name) in registry.components
-    ]
-    taken += [(f"the command '{name}'", registry.commanders[name]) for name in commands if name in registry.commanders]
-    for what, other in taken:
-        raise PluginError(
-            f"{what} is registered already by {other.title}; rename it, or leave one plugin out with"
-            f" {_without(plugin, chosen)}"
-        )
-    for component in components:
-        _store(component)
-    registry.components.update({(c.kind, c.name): c for c in components})
-    registry.formerly.update({(c.kind, c.formerly): c.name for c in components if c.formerly})
-    registry.commands.update(commands)
-    registry.commanders.update(dict.fromkeys(commands, plugin))
-
-
-def _without(plugin: Plugin, chosen: Sequence[str]) -> str:
-    """The variable as it is, but without one plugin."""
-    named = plugin.word in chosen
-    rest = [word for word in chosen if word != plugin.word] if named else [*chosen, f"-{plugin.word}"]
-    return f"{VARIABLE}={shlex.quote(','.join(rest))}"
-
-
-def _plugins(chosen: Sequence[str]) -> Iterator[Plugin]:
-    """Installed plugins, those of omnilab[all] first so that no other can take their names; then single files."""
-    own, (points, found) = _own_distributions(), _entry_points()
-    count = Counter(point.name for point in points)
-    for point in points:
-        name, version = _named(point.dist)
-        found.append(Plugin(point.name, name, version, point.load, point.name if count[point.name] == 1 else name))
-    found.sort(key=lambda p: (p.distribution not in own, p.distribution, p.name))
-    files = {os.path.realpath(file): (file, word) for word in chosen if (file := file_of(word))}  # each once
-    found += [Plugin(file.stem, word, "", partial(load_file, file), word) for file, word in files.values()]
-    known = {name for plugin in found for name in (plugin.name, plugin.distribution)}
-    for word in chosen:
-        if word != "none" and word.removeprefix("-") not in known and file_of(word) is None:
-            raise ConfigError(
-                f"{VARIABLE} names '{word}', which is no plugin; give file.py, none, or - and one of "
-                + ", ".join(plugin.name for plugin in found)
+    offer = _load(plugin, registry)
+    for what, file in offer.names():
+        if other := registry.taken.get(what):
+            raise PluginError(
+                f"{what}{file} is registered already by {other.title}; rename it, or leave one plugin out with"
+                f" {without(plugin, chosen)}"
             )
-    left_out = {word.removeprefix("-") for word in chosen if word.startswith("-")}
-    for plugin in found:
-        names = {plugin.name, plugin.distribution}
-        if not names & left_out and ("none" not in chosen or names & set(chosen)):
-            yield plugin
+    _take(offer, plugin, registry)
 
 
-def _entry_points() -> tuple[list[EntryPoint], list[Plugin]]:
-    """Those of installed plugins; and as plugins that fail, the distributions that do not let themselves be read."""
+def _take(offer: Offer, plugin: Plugin, registry: Registry) -> None:
+    registry.components.update(offer.components)
+    registry.formerly.update({(c.kind, c.formerly): c.name for c in offer.components.values() if c.formerly})
+    registry.commands.update(offer.commands)
+    registry.recipes.update({name: ShippedFile(file, plugin) for name, file in offer.shipped.recipes.items()})
+    registry.worlds.update({name: ShippedFile(file, plugin) for name, file in offer.shipped.worlds.items()})
+    registry.folders.update(dict.fromkeys(offer.shipped.folders, plugin))
+    registry.taken.update({what: plugin for what, _ in offer.names()})
+
+
+def _load(plugin: Plugin, registry: Registry) -> Offer:
+    """What one plugin registers, each checked. What has changed since it was written is noted, or said if it fails."""
+    module = plugin.load()
+    news = news_for(module)
     try:
-        return list(entry_points(group="omnilab")), []
-    except DAMAGED:  # one is damaged, and must not hide the others
-        found: list[EntryPoint] = []
-        failing: list[Plugin] = []
-        seen: set[str] = set()
-        for distribution in distributions():
-            name, _ = _named(distribution)
-            if name in seen:  # what is installed as its source is there twice
-                continue
-            seen |= {name} - {"?"}
-            try:
-                found += distribution.entry_points.select(group="omnilab")
-            except DAMAGED as error:
-                folder = Path(str(getattr(distribution, "_path", "?"))).name
-                failing.append(Plugin(folder, name, "", partial(_fail, error), folder))
-        return found, failing
+        offer, notes = _registered(module, plugin, registry)
+    except PluginError as error:
+        if news:
+            raise PluginError(f"{error}; {news}") from error
+        raise
+    registry.notes += [f"{plugin.title}: {note}" for note in ([news] if news else notes)]
+    return offer
 
 
-def _fail(error: Exception) -> ModuleType:
-    raise PluginError(f"what it says of itself cannot be read ({type(error).__name__}); install it anew") from error
-
-
-def _named(distribution: Distribution | None) -> tuple[str, str]:
-    """Name and version, "?" and "" where a distribution does not say."""
-    try:
-        return (distribution.name or "?", distribution.version or "") if distribution else ("?", "")
-    except DAMAGED:  # its metadata is no text
-        return "?", ""
-
-
-def _own_distributions() -> set[str]:
-    try:
-        wanted = requires("omnilab") or []
-    except PackageNotFoundError:  # run from a source tree that was never installed
-        return set()
-    return {"omnilab"} | {re.split(r"[ ;<>=!~\[]", line)[0] for line in wanted if line.startswith("omnilab-")}
-
-
-def _load(plugin: Plugin, registry: Registry) -> tuple[list[Component], dict[str, hooks.Command]]:
-    """The components and the commands that one plugin registers, each checked."""
+def _registered(module: ModuleType, plugin: Plugin, registry: Registry) -> tuple[Offer, list[str]]:
+    """What a module registers, and the words in it of the version before."""
     manager = pluggy.PluginManager("omnilab")
     manager.add_hookspecs(hooks.hookspecs())
-    manager.register(plugin.load(), name=plugin.name)
+    manager.register(module, name=plugin.name)
     try:
         manager.check_pending()
     except pluggy.PluginValidationError as error:
-        raise PluginError(f"{error}; the hooks are {', '.join([*HOOKS.values(), COMMANDS_HOOK])}") from error
-    components: dict[tuple[str, str], Component] = {}
+        raise PluginError(f"{error}; the hooks are {ALL_HOOKS}") from error
+    offer, notes = Offer(), list[str]()
     for kind, hook in HOOKS.items():
 
         def register(name: str, cls: type[Any], formerly: str = "", kind: str = kind) -> None:
             if note := check_component(kind, name, cls):
-                registry.notes.append(f"{plugin.title}: {note}")
-            if (kind, name) in components:
-                raise PluginError(f"{kind} '{name}' is registered twice, by {components[kind, name].cls} and {cls}")
-            components[kind, name] = Component(kind, name, cls, plugin, formerly)
+                notes.append(note)
+            if known := offer.components.get((kind, name)):
+                raise PluginError(f"{kind} '{name}' is registered twice, by {known.cls} and {cls}")
+            offer.components[kind, name] = Component(kind, name, cls, plugin, formerly)
 
         getattr(manager.hook, hook)(register=register)
-    commands: dict[str, hooks.Command] = {}
 
     def register_command(name: str, command: Any) -> None:
-        if not re.fullmatch(r"[a-z]+", name) or not callable(command) or name in commands:
+        if not re.fullmatch(r"[a-z]+", name) or not callable(command) or name in offer.commands:
             raise PluginError(
                 f"command {name!r} is {command!r}; register one function for a name of lower case letters"
             )
-        commands[name] = command
+        offer.commands[name] = command
 
     manager.hook.register_commands(register=register_command, runs=RunsOnDisk(registry))
-    if not components and not commands:
-        raise PluginError(
-            "it registers nothing; mark a function with @hookimpl, one of "
-            + ", ".join([*HOOKS.values(), COMMANDS_HOOK])
-        )
-    return list(components.values()), commands
+    manager.hook.register_folders(register=lambda folder: offer.shipped.add(folder_of(folder, module)))
+    if not any(offer.names()):
+        raise PluginError(f"it registers nothing; mark a function with @hookimpl, one of {ALL_HOOKS}")
+    return offer, notes
 
 
 def check_component(kind: str, name: str, cls: type[Any]) -> str:
@@ -306,6 +260,8 @@ def check_component(kind: str, name: str, cls: type[Any]) -> str:
     """
     if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
         raise PluginError(f"{kind} '{name}' has an unusable name; use lower case letters, digits and _")
+    if name in VALUES:
+        raise PluginError(f"{kind} '{name}' cannot be chosen: {kind}={name} is read as a value; give it another name")
     if "__dataclass_fields__" not in getattr(cls, "__dict__", {}):  # neither an instance nor a class that inherits them
         raise PluginError(f"{kind} '{name}' is {cls!r}; register a class with @dataclass")
     note = renamed.adapt(kind, name, cls)
@@ -316,31 +272,30 @@ def check_component(kind: str, name: str, cls: type[Any]) -> str:
         )
     if cls.__dataclass_params__.frozen:
         raise PluginError(f"{kind} '{name}' ({cls.__name__}) is frozen, so nothing could be overridden; use @dataclass")
+    if not are_plain(cls):
+        _check_node(kind, name, cls)
+    return note
+
+
+def _check_node(kind: str, name: str, cls: type[Any]) -> None:
+    """PluginError if OmegaConf can make no configuration of a class."""
+    from omegaconf import OmegaConf  # which takes as long to import as half of the plugins
+    from omegaconf.errors import OmegaConfBaseException
+
     try:
-        _node(cls)
+        OmegaConf.structured(cls)
     except OmegaConfBaseException as error:
         raise PluginError(
             f"{kind} '{name}' ({cls.__name__}) has the field '{error.full_key}' of a type that no setting can have"
             f" ({_type_of(cls, str(error.full_key))}); use bool, int, float, str, Path, Enum, list, dict, X | None or a"
             " nested dataclass"
         ) from error
-    return note
 
 
 def _type_of(cls: type[Any], field_name: str) -> str:
     """As the class declares it."""
     found = cls.__dataclass_fields__.get(field_name)
     return "unknown" if found is None else getattr(found.type, "__name__", None) or str(found.type)
-
-
-_NODES: dict[type[Any], DictConfig] = {}
-
-
-def _node(cls: type[Any]) -> DictConfig:
-    """A component's class as a node of the configuration; made once, for it takes half of the time of a start."""
-    if cls not in _NODES:
-        _NODES[cls] = OmegaConf.structured(cls)
-    return _NODES[cls]
 
 
 def members(protocol: type[Any]) -> list[str]:
@@ -351,18 +306,3 @@ def members(protocol: type[Any]) -> list[str]:
             offered = [n for n, value in vars(cls).items() if callable(value) or isinstance(value, property)]
             found += [name for name in [*cls.__annotations__, *offered] if not name.startswith("_")]
     return list(dict.fromkeys(found))
-
-
-def _store(component: Component) -> None:
-    """Put a class where Hydra finds it, as `ConfigStore.store` does, which would copy its node first."""
-    kind, store = component.kind, ConfigStore.instance()
-    vars(store)["__deepcopy__"] = _uncopied
-    for name in filter(None, (component.name, component.formerly)):
-        package = f"{MANY[kind]}.{name}" if kind in MANY else kind
-        node = ConfigNode(f"{name}.yaml", _node(component.cls), kind, package, component.plugin.distribution)
-        store.repo.setdefault(kind, {})[node.name] = node
-
-
-def _uncopied(_: object) -> ConfigStore:
-    """The store instead of a copy of all of it, two of which Hydra makes a start; it copies each node that it takes."""
-    return ConfigStore.instance()

@@ -15,9 +15,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from omnilab.api import Metric, Progress, RunResult
 from omnilab.errors import DataError, OmnilabError
 from omnilab.hooks import RunSummary
-from omnilab.runner.run_folder import KILLED, RUNNING, SILENT, LoadedRun, RunFolder, load_run
+from omnilab.manifest import read_manifest
+from omnilab.run_header import in_words, run_header
+from omnilab.runner.run_folder import DONE, KILLED, RUNNING, SILENT, LoadedRun, RunFolder, load_run
 from omnilab.runner.run_folder.lock import LOCK, REPAIR, RunLock
 from omnilab.runner.run_folder.names import STATUS
 from omnilab.runner.terminal import print_error, short
@@ -73,6 +76,7 @@ class RunsOnDisk:
             {slot: str(part.get("name")) for slot, part in named.items()} if isinstance(named, dict) else {},
             known(lambda: loaded.config),
             known(lambda: loaded.metrics),
+            known(lambda: _header(loaded)) or "",
         )
 
     def _copy(self, run: LoadedRun) -> Path:
@@ -82,6 +86,15 @@ class RunsOnDisk:
         for failure in _mended_copy(run, copy, self._registry)[1]:
             print_error(failure)
         return copy
+
+
+def _header(run: LoadedRun) -> str:
+    """What a viewer shows of a run first, as the run stands now."""
+    state, now = run.state, run.progress
+    came = in_words(Progress(now.stage, now.done, now.total)) if now and state != DONE else ""
+    metrics = [Metric(name, value, run.units.get(name, "1")) for name, value in run.metrics.items()]
+    result = RunResult(state, metrics, str(run.status.get("error", "")))
+    return run_header(read_manifest(run.folder), state, result, came if state == RUNNING or not came else f"at {came}")
 
 
 def mend(run: LoadedRun, registry: Registry, ended: bool = False) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,8 @@ from omnilab.api import Floats
 from omnilab.errors import DataError
 from omnilab.geometry import planar_poses
 from omnilab.posegraph.graph import arrivals, between, matrices, moved, vectors
-from omnilab.testing.common import check_common, expect
+from omnilab.testing.common import expect
+from omnilab.testing.rules import CannotCheckError, Trial, Work, conform, rule
 
 
 def check_backend(backend: Any) -> None:
@@ -21,33 +23,78 @@ def check_backend(backend: Any) -> None:
     Covariances are symmetric and positive; the graph that was given is left alone; one in two parts is refused. One that
     takes poses as they come ends where the others do.
     """
-    backend = check_common("backend", backend)
-    for graph, truth in (_ring(planar=True), _ring(planar=False)):
-        before = graph.poses.copy()
-        found = backend.optimize(graph, covariances=True)
-        expect(np.array_equal(graph.poses, before), "the poses that were given are changed")
-        expect(found.poses.shape == graph.poses.shape, f"poses have shape {found.poses.shape}, not {graph.poses.shape}")
-        expect(bool(np.allclose(matrices(found.poses), matrices(truth), atol=1e-4)), "perfect motions are not met")
-        expect(found.chi2 < 1e-6 < found.chi2_before, f"chi2 goes from {found.chi2_before} to {found.chi2}")
-        expect(found.weights.shape == (len(graph.edges),), "weights are not one for each edge")
-        expect(bool(((found.weights > 0.5) & (found.weights <= 1)).all()), "edges that fit are not trusted")
-        trusted = found.trusted
-        expect(trusted is None or trusted.shape == (len(graph.edges),), "what was trusted is not one for each edge")
-        d = 3 if graph.planar else 6
-        expect(np.shape(found.covariances) == (len(graph), d, d), f"covariances are {np.shape(found.covariances)}")
-        expect(bool((np.linalg.eigvalsh(found.covariances) > 0).all()), "covariances are not positive definite")
-        again = backend.optimize(graph)
-        expect(np.array_equal(again.poses, found.poses), "the same graph gives other poses the second time")
-        if isinstance(backend, api.IncrementalBackend):
-            _check_watch(backend, graph, found.poses)
-            _check_incremental(backend.begin(graph.poses[0]), graph, truth)
-    apart = replace(graph, edges=graph.edges[2:], motions=graph.motions[2:], information=graph.information[2:])
-    apart = replace(apart, edges=np.where(apart.edges == 1, 2, apart.edges))
-    try:
-        backend.optimize(apart)
-    except DataError:
-        return
-    raise AssertionError("a graph in two parts is optimised without a word")
+    conform(BackendTrial(backend))
+
+
+class BackendTrial(Trial):
+    """A back end, and rings of twelve poses in the plane and in space whose motions are perfect."""
+
+    kind = "backend"
+
+    @cached_property
+    def rings(self) -> list[tuple[api.PoseGraph, Floats]]:
+        return [_ring(planar=True), _ring(planar=False)]
+
+    @cached_property
+    def optimized(self) -> list[api.Optimized]:
+        return [self.component.optimize(graph, covariances=True) for graph, _ in self.rings]
+
+    def work(self) -> Work:
+        graph, _ = self.rings[0]
+        return Work(lambda: self.given.optimize(graph), 1, "graph")
+
+    @rule("meets perfect motions from bad guesses, planar and spatial, and leaves the graph as it is")
+    def meets(self) -> None:
+        guessed = [graph.poses.copy() for graph, _ in self.rings]
+        for (graph, truth), before, found in zip(self.rings, guessed, self.optimized, strict=True):
+            expect(np.array_equal(graph.poses, before), "the poses that were given are changed")
+            met = bool(np.allclose(matrices(found.poses), matrices(truth), atol=1e-4))
+            expect(met, "perfect motions are not met; iterate until the poses no longer move")
+            expect(found.chi2 < 1e-6 < found.chi2_before, f"chi2 goes from {found.chi2_before} to {found.chi2}")
+
+    @rule("trusts edges that fit")
+    def trusts(self) -> None:
+        for (graph, _), found in zip(self.rings, self.optimized, strict=True):
+            expect(found.weights.shape == (len(graph.edges),), "weights are not one for each edge")
+            expect(bool(((found.weights > 0.5) & (found.weights <= 1)).all()), "edges that fit are not trusted")
+            trusted = found.trusted
+            expect(trusted is None or trusted.shape == (len(graph.edges),), "what was trusted is not one for each edge")
+
+    @rule("gives positive covariances where they are asked for")
+    def covariances(self) -> None:
+        for (graph, _), found in zip(self.rings, self.optimized, strict=True):
+            d = 3 if graph.planar else 6
+            assert found.covariances is not None
+            expect(np.shape(found.covariances) == (len(graph), d, d), f"covariances are {np.shape(found.covariances)}")
+            positive = bool((np.linalg.eigvalsh(found.covariances) > 0).all())
+            expect(positive, "covariances are not positive definite")
+
+    @rule("gives the same poses each time")
+    def deterministic(self) -> None:
+        for (graph, _), found in zip(self.rings, self.optimized, strict=True):
+            again = self.component.optimize(graph)
+            expect(np.array_equal(again.poses, found.poses), "the same graph gives other poses the second time")
+
+    @rule("refuses a graph in two parts with a DataError")
+    def parts(self) -> None:
+        graph, _ = self.rings[0]
+        apart = replace(graph, edges=graph.edges[2:], motions=graph.motions[2:], information=graph.information[2:])
+        apart = replace(apart, edges=np.where(apart.edges == 1, 2, apart.edges))
+        try:
+            self.component.optimize(apart)
+        except DataError:
+            return
+        raise AssertionError(
+            "a graph in two parts is optimised without a word; call omnilab.posegraph.graph.check_graph first"
+        )
+
+    @rule("takes poses as they come, and ends where it does otherwise")
+    def incremental(self) -> None:
+        if not isinstance(self.given, api.IncrementalBackend):
+            raise CannotCheckError("it takes whole graphs alone")
+        for (graph, truth), found in zip(self.rings, self.optimized, strict=True):
+            _check_watch(self.component, graph, found.poses)
+            _check_incremental(self.component.begin(graph.poses[0]), graph, truth)
 
 
 def _check_watch(backend: Any, graph: api.PoseGraph, poses: Floats) -> None:

@@ -9,24 +9,21 @@ import numpy as np
 
 from omnilab.api import Bytes, Floats, Signatures
 from omnilab.image import PANORAMA_SHAPE
-from omnilab.runner.boundaries import guard
+from omnilab.runner.boundaries import check_declared
 from omnilab.runner.registry import check_component
 
 SPHERE_SHAPE = (128, 256)
 SIDE = 96  # of the pictures that descriptors are tried on
 
 
-def check_common(kind: str, component: Any) -> Any:
-    """A dataclass with the Protocol's members, documented, that survives pickling.
-
-    The component as a run uses it: what its methods return is checked, and what they are given is read-only.
-    """
+def check_common(kind: str, component: Any) -> None:
+    """A dataclass with the Protocol's members, documented, that survives pickling."""
     cls = type(component)
     check_component(kind, cls.__name__.lower(), cls)
     manual = str(cls.__doc__)
+    check_declared(kind, component, cls.__name__)
     expect(not manual.startswith(f"{cls.__name__}("), f"{cls.__name__} has no docstring, and that is its manual")
     expect(pickle.loads(pickle.dumps(component)) == component, "does not survive pickling")  # noqa: S301  our own
-    return guard(component, kind, cls.__name__)
 
 
 def smooth_images(view: str, color: bool) -> Bytes:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import pickle
+import tempfile
 from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, nullcontext, redirect_stderr
 from pathlib import Path
 from typing import Any
 
@@ -13,21 +16,65 @@ from omnilab import api
 from omnilab.api import Tick
 from omnilab.geometry import planar_poses
 from omnilab.image import encode
-from omnilab.testing.common import check_common, expect
+from omnilab.testing.common import expect
+from omnilab.testing.rules import Trial, Work, conform, rule
 
 
-def check_sink(sink: Any, folder: Path) -> None:
-    """Takes every record, with and without a tick, and a result; completes its files, which need no repair; pickles."""
-    check_common("sink", sink)
-    sink.open(folder)
-    for path, record, tick in sample_records():
-        sink.write(path, record, tick)
-        sink.flush()
-    if isinstance(sink, api.TakesResult):
-        sink.conclude(api.RunResult("done", [api.Metric("rate", 0.5, "1"), api.Metric("error", np.nan, "m")]))
-    sink.close()
-    expect(sink.repair(folder) is None, "a run that ended well needs repair")
-    pickle.loads(pickle.dumps(sink))  # noqa: S301  our own bytes
+def check_sink(sink: Any, folder: Path | None = None) -> None:
+    """Takes every record, with and without a tick, and a result; completes its files, which need no repair; pickles.
+
+    It writes into `folder`, or into one that is removed afterwards.
+    """
+    conform(SinkTrial(sink, folder))
+
+
+class SinkTrial(Trial):
+    """A sink, one record of every type, and a folder."""
+
+    kind = "sink"
+
+    def __init__(self, sink: Any, folder: Path | None = None) -> None:
+        super().__init__(sink)
+        self.folder = folder
+
+    @contextmanager
+    def _written(self) -> Iterator[Path]:
+        """The folder, in which all has been written."""
+        made = tempfile.TemporaryDirectory() if self.folder is None else nullcontext(self.folder)
+        with ExitStack() as shown, made as name:
+            folder = Path(name)
+            shown.enter_context(redirect_stderr(io.StringIO()))  # what a console shows of made-up records
+            self.given.open(folder)
+            for path, record, tick in sample_records():
+                self.given.write(path, record, tick)
+                self.given.flush()
+            if isinstance(self.given, api.TakesResult):
+                metrics = [api.Metric("rate", 0.5, "1"), api.Metric("error", np.nan, "m")]
+                self.given.conclude(api.RunResult("done", metrics))
+            self.given.close()
+            yield folder
+
+    def work(self) -> Work:
+        def call() -> None:
+            with self._written():
+                pass
+
+        return Work(call, len(list(sample_records())), "record")
+
+    @rule("takes a record of every type, and completes files that need no repair")
+    def takes_all(self) -> None:
+        with self._written() as folder:
+            repaired = self.given.repair(folder)
+            expect(repaired is None, f"a run that ended well needs repair: {repaired}; complete the files in `close`")
+
+    @rule("survives pickling after it was used, as sweeps need it")
+    def pickles_closed(self) -> None:
+        try:
+            pickle.loads(pickle.dumps(self.given))  # noqa: S301  our own bytes
+        except (TypeError, AttributeError, pickle.PicklingError) as error:
+            raise AssertionError(
+                f"after `close` it is not pickled ({error}); have `close` drop files and writers"
+            ) from error
 
 
 def sample_records() -> Iterator[tuple[str, api.Record, Tick | None]]:

@@ -10,6 +10,7 @@ from omnilab.api import Ints
 
 SECONDS_OF_TODAY = (10**9, 4 * 10**9)  # times within are taken to be seconds since 1970: 2001 to 2096
 UNITS = {10**9: "nanoseconds", 10**6: "microseconds", 10**3: "milliseconds"}  # in how many a second is divided
+MOST_TIMES_LONGER = 300  # a file than images, or images than a file, of one recording
 SELDOM_S = 5.0  # no wheels tell so seldom
 DIGITS = {19: 1, 16: 10**3, 13: 10**6}  # of whole numbers that are times since 1970: nanoseconds of their unit
 
@@ -32,17 +33,30 @@ def overlap(one_ns: Ints, other_ns: Ints) -> bool:
     return bool(one_ns.min() <= other_ns.max() and other_ns.min() <= one_ns.max())
 
 
-def differ(images_ns: Ints, file_ns: Ints, file: str, name: str = "the images were taken at") -> str:
-    """Both spans, and which unit or shift would bring them together, of times that have nothing in common."""
-    return f"{name} {span(images_ns)}, and {file} covers {span(file_ns)}; {_remedy(images_ns, file_ns, file)}"
+def _alike(one_ns: Ints, other_ns: Ints) -> bool:
+    """Whether two spans have anything in common, and are about as long: 0 s, where videos begin, lies near any small number."""
+    lengths = sorted(max(int(np.ptp(stamps)), 1) for stamps in (one_ns, other_ns))
+    return overlap(one_ns, other_ns) and lengths[1] <= MOST_TIMES_LONGER * lengths[0]
 
 
-def _remedy(images_ns: Ints, file_ns: Ints, file: str) -> str:
+def differ(
+    images_ns: Ints, file_ns: Ints, file: str, name: str = "the images were taken at", shifted: str | None = None
+) -> str:
+    """Both spans, and which unit or shift would bring them together, of times that have nothing in common.
+
+    `shifted`: what shifts them; None: mending the file does.
+    """
+    return f"{name} {span(images_ns)}, and {file} covers {span(file_ns)}; {_remedy(images_ns, file_ns, file, shifted)}"
+
+
+def _remedy(images_ns: Ints, file_ns: Ints, file: str, shifted: str | None) -> str:
     for factor, unit in UNITS.items():
-        if not _of_today(file_ns) and overlap(images_ns, file_ns // factor):
+        if not _of_today(file_ns) and _alike(images_ns, file_ns // factor):
             return f"the times in {file} look like {unit} where seconds belong: divide them by {factor}"
-        if not _of_today(images_ns) and overlap(images_ns // factor, file_ns):
+        if not _of_today(images_ns) and _alike(images_ns // factor, file_ns):
             return f"the times of the images look like {unit} where seconds belong: divide them by {factor}"
+    if shifted is not None:
+        return f"these are two clocks: {shifted}, or take the file of this recording"
     shift = (int(images_ns.min()) - int(file_ns.min())) / 10**9
     return (
         f"these are two clocks: add what lies between them to the times in {file}"

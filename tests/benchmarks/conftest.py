@@ -1,8 +1,10 @@
-"""Benchmarks that are not asked to measure only show that they run: with the slow tests."""
+"""Benchmarks that are not asked to measure only show that they run: with the slow tests, without those that are slow themselves."""
 
 from __future__ import annotations
 
 import json
+import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -17,6 +19,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if not config.getoption("benchmark_enable"):
         for item in items:
             if item.path.is_relative_to(Path(__file__).parent):
+                if item.get_closest_marker("slow"):
+                    item.add_marker(pytest.mark.skip(reason="long benchmarks are off (--benchmark-enable)"))
                 item.add_marker(pytest.mark.slow)
 
 
@@ -25,6 +29,28 @@ def measured(request: pytest.FixtureRequest) -> None:
     """For what takes minutes, and shows nothing unless it is measured."""
     if not request.config.getoption("benchmark_enable"):
         pytest.skip("benchmarks are off (--benchmark-enable)")
+
+
+@pytest.fixture(autouse=True)
+def _memory(request: pytest.FixtureRequest) -> Iterator[None]:
+    """`memory_mb` of a benchmark: by how much the process grew at most, above what it held when the test began.
+
+    What had been freed, and was kept by the C library, is taken again without being counted. Only of Linux.
+    """
+    peak = Path("/proc/self/clear_refs")
+    if "benchmark" not in request.fixturenames or not peak.exists():
+        yield
+        return
+    benchmark = request.getfixturevalue("benchmark")
+    peak.write_text("5")  # the peak begins anew (proc(5))
+    before = held("VmRSS")
+    yield
+    benchmark.extra_info.setdefault("memory_mb", round((held("VmHWM") - before) / 1024, 1))
+
+
+def held(what: str) -> int:
+    """A line of this process's status, kB."""
+    return int(re.findall(rf"^{what}:\s*(\d+) kB", Path("/proc/self/status").read_text(), re.MULTILINE)[0])
 
 
 @pytest.fixture(scope="session")

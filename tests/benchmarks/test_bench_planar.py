@@ -86,7 +86,10 @@ def angles(told):
         pytest.param(planar(Solver.linear), False, id="linear, all around"),
     ],
 )
-def test_relative_pose(benchmark, solve, cone):
+def test_relative_pose(benchmark, solve, cone, request):
+    benchmark.group = f"relative pose of 300 matches, {'within a cone' if cone else 'all around'}"
+    benchmark.extra_info.update(what=request.node.callspec.id.partition(",")[0], peer=solve is five_points)
+    benchmark.extra_info["no_peer"] = "OpenCV's five points know no bearings beyond a picture plane"
     pairs = problems(cone)
     told = np.array([angles(solve(p, q)) for p, q, _, _ in pairs])
     error = np.rad2deg(np.abs(wrap_angle(told - [pair[2:] for pair in pairs])))

@@ -29,12 +29,14 @@ def test_bench_folder(benchmark, recording):
         sensor = Folder(str(recording), circle_px=[499.5, 499.5, 490])
         return sum(len(frames) for frames in sensor.frames(sensor.plan(RecordedPoses())))
 
+    benchmark.extra_info.update(what="`folder`", count=COUNT, unit="an image")
     assert benchmark.pedantic(read, rounds=3) == COUNT
 
 
 @pytest.mark.benchmark(group="recordings: read 48 JPEG files of 1000 x 1000")
 def test_bench_opencv_alone(benchmark, recording):
     def read():
+        benchmark.extra_info.update(peer="`cv2.imread`", count=COUNT)
         return len([cv2.imread(str(recording / f"{i}.jpg"), cv2.IMREAD_GRAYSCALE) for i in range(COUNT)])
 
     assert benchmark.pedantic(read, rounds=3) == COUNT

@@ -17,6 +17,9 @@ from pathlib import Path
 import httpx
 import pytest
 
+pytestmark = pytest.mark.slow
+GROUP = "serve: ten thousand runs"
+ALONE = "no other service reads these folders"
 RUNS = 10_000  # as of the fixture
 SCRIPT = Path(sys.executable).with_name("omnilab")
 TICKS = os.sysconf("SC_CLK_TCK")
@@ -65,23 +68,24 @@ def served(logs: Path) -> Iterator[tuple[httpx.Client, int]]:
         yield found
 
 
-@pytest.mark.benchmark(group="serve: ten thousand runs")
+@pytest.mark.benchmark(group=GROUP, timer=time.perf_counter)
 def test_a_restart(benchmark, logs):
     def restarted():
         with serving(logs, RUNS):
             pass
 
+    benchmark.extra_info["no_peer"] = ALONE
     benchmark.pedantic(restarted, rounds=3)
 
 
-@pytest.mark.benchmark(group="serve: ten thousand runs")
+@pytest.mark.benchmark(group=GROUP, timer=time.perf_counter)
 def test_the_first_page(benchmark, served):
     client, _ = served
     page = benchmark.pedantic(client.get, ("/",), rounds=10)
     assert page.text.count("<tr id=") == 100
 
 
-@pytest.mark.benchmark(group="serve: ten thousand runs")
+@pytest.mark.benchmark(group=GROUP, timer=time.perf_counter)
 def test_a_search(benchmark, served):
     """Each another, so that no answer is kept."""
     client, _ = served
@@ -94,7 +98,7 @@ def test_a_search(benchmark, served):
     )
 
 
-@pytest.mark.benchmark(group="serve: ten thousand runs")
+@pytest.mark.benchmark(group=GROUP, timer=time.perf_counter)
 def test_an_update(benchmark, served, logs):
     """From the event that says that there is a new run to the rows with it."""
     client, _ = served
@@ -122,7 +126,7 @@ def processor_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / TICKS
 
 
-@pytest.mark.benchmark(group="serve: ten thousand runs")
+@pytest.mark.benchmark(group=GROUP, timer=time.perf_counter)
 def test_idling(benchmark, measured, served):
     _, pid = served
     before_s = processor_s(pid)
@@ -144,7 +148,7 @@ def experiment_s(logs: Path) -> float:
     return used.ru_utime + used.ru_stime
 
 
-@pytest.mark.benchmark(group="serve: an experiment that is watched")
+@pytest.mark.benchmark(group="serve: an experiment alone, then watched", timer=time.perf_counter)
 def test_what_it_costs_an_experiment(benchmark, measured, tmp_path):
     """Alone and watched in turns; what is watched is a page that shows the run."""
     experiment_s(tmp_path)  # fills the caches of the disk
@@ -154,6 +158,7 @@ def test_what_it_costs_an_experiment(benchmark, measured, tmp_path):
         with serving(tmp_path, 1) as (client, _), watching(client):
             return alone, experiment_s(tmp_path)
 
+    benchmark.extra_info["no_peer"] = "the experiment alone is in it"
     pairs = [pair() for _ in range(PAIRS - 1)] + [benchmark.pedantic(pair, rounds=1)]
     alone, watched = (sorted(column)[len(pairs) // 2] for column in zip(*pairs, strict=True))
     benchmark.extra_info |= {"more": f"{watched / alone - 1:+.1%}", "pairs": json.dumps(pairs)}

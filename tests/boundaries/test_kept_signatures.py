@@ -16,8 +16,9 @@ from omnilab.api import Places, Provenance, Signatures
 from omnilab.errors import DataError
 from omnilab.runner.boundaries import unsound
 from omnilab.runner.boundaries.images import signatures
+from omnilab.runner.cache.kept_methods import KeptDescriptions
+from omnilab.runner.cache.row_store import RowStore
 from omnilab.runner.map_file import load_places, save_map
-from omnilab.runner.signature_store import SignatureStore
 
 ABOUT: dict[str, dict[str, str]] = {"components": {}, "config": {}}
 
@@ -26,11 +27,11 @@ ABOUT: dict[str, dict[str, str]] = {"components": {}, "config": {}}
 @pytest.mark.parametrize("part", ["place", "heading"])
 def test_rows_of_the_cache_that_are_not_finite_are_damage(tmp_path: Path, value: float, part: str) -> None:
     damaged: list[str] = []
-    store = SignatureStore(tmp_path, "about", lambda _, error: damaged.append(str(error)))
+    store = RowStore(tmp_path, "about", KeptDescriptions.parts, lambda _, error: damaged.append(str(error)))
     arrays = {name: np.ones((2, 3), np.float32) for name in ("place", "heading")}
     arrays[part][1, 2] = value
     keys = [b"a" * 16, b"b" * 16]
-    store.store(keys, Signatures(**arrays))
+    store.store(keys, arrays)
     assert store.load(keys) == (None, [])
     assert damaged == [f"{part} holds NaN or infinity"]
 
@@ -81,13 +82,17 @@ def spoilt_files(file: Path) -> Iterator[str]:
 
 def test_a_spoilt_file_of_the_cache_is_damage_or_the_same(tmp_path: Path) -> None:
     damaged: list[str] = []
-    SignatureStore(tmp_path, "about", lambda *_: None).store(KEYS, ROWS)
+    RowStore(tmp_path, "about", KeptDescriptions.parts, lambda *_: None).store(
+        KEYS, {"place": ROWS.place, "heading": ROWS.heading}
+    )
     (file,) = tmp_path.rglob("*.npz")
     for way in spoilt_files(file):
-        found, known = SignatureStore(tmp_path, "about", lambda _, error: damaged.append(str(error))).load(KEYS)
+        found, known = RowStore(
+            tmp_path, "about", KeptDescriptions.parts, lambda _, error: damaged.append(str(error))
+        ).load(KEYS)
         if known:
             assert found is not None, way
-            assert check_like_fresh(found, len(KEYS)), way
+            assert check_like_fresh(KeptDescriptions().result(found), len(KEYS)), way
             assert way in {
                 "heading, none",
                 *(f"{name}, {how}" for name in ("place", "heading") for how in OTHER_SIZE),

@@ -54,10 +54,14 @@ def test_by_a_setting_the_others_are_held_fixed(omnilab_here, sweep):
 
 @pytest.mark.parametrize(("objective", "first"), [("nearest_rate", "0.2"), ("-nearest_rate", "0.4")])
 def test_the_best_is_first_and_can_be_run_again(omnilab_here, sweep, objective, first):
-    done = omnilab_here("compare", "sweep", "--best", objective, "--figures", "figures")
+    done = omnilab_here("compare", "sweep", "--best", objective)
     angles = "45" if objective == "nearest_rate" else "180"
     assert columns(done.stdout)[2][:3] == [angles, first, "2"]
     assert f"descriptor.angles={angles} study.step_m={first}; again: omnilab repeat sweep/" in done.stdout
+
+
+def test_figures_are_drawn_and_other_files_are_left(omnilab_here, sweep):
+    assert omnilab_here("compare", "sweep", "--best", "nearest_rate", "--figures", "figures").rc == 0
     files = {
         "nearest_rate_by_descriptor.angles.png", "nearest_rate_by_study.step_m.png", "nearest_rate_by_cost.png",
         "nearest_rate_by_descriptor.angles_and_study.step_m.png",

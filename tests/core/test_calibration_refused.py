@@ -28,6 +28,7 @@ from omnilab.cameras import (
     UnifiedCamera,
     load_camera,
 )
+from omnilab.cameras.dual_fisheye import side_by_side
 from omnilab.cameras.formats.camera_json import MODELS
 from omnilab.errors import ConfigError, DataError
 
@@ -193,7 +194,7 @@ CAMERAS = [
     ConicalMirror(size=32), StereoCamera(width=64, height=32, focal_px=40, baseline_m=0.1), CylindricalCamera(64, 32),
     EquirectangularCamera(64, 32), FisheyeCamera(**FRAME, focal_px=20), PinholeCamera(**FRAME, focal_px=40),
     UnifiedCamera(**FRAME, fx=12, fy=12, xi=0.9, k1=0.01), OCamCamera(**FRAME, polynomial=(-20.0, 0.0, 0.02)),
-    KannalaBrandtCamera(**FRAME, fx=20, fy=20, k1=0.01), BrownConradyCamera(**FRAME, fx=40, fy=40, k1=0.01, k4=0.02),
+    KannalaBrandtCamera(**FRAME, fx=20, fy=20, k1=0.01), side_by_side(64, 32), BrownConradyCamera(**FRAME, fx=40, fy=40, k1=0.01, k4=0.02),
 ]  # fmt: skip
 HUGE = 99999999999999999999999
 

@@ -12,6 +12,7 @@ from omnilab.metrics import (
     first_ranks,
     heading_error,
     is_flat,
+    middle,
     precision_recall,
     ranks,
     recall_at,
@@ -173,3 +174,8 @@ def test_without_a_true_place_there_is_no_recall_at_any_precision():
     precision, recall, _ = precision_recall(np.array([1.0, 2.0]), np.zeros(2, bool), np.zeros(2, bool))
     assert np.isnan(average_precision(precision, recall))
     assert np.isnan(recall_at_full_precision(precision, recall))
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=9))
+def test_the_middle_of_numbers_in_order_is_numpys_median(numbers):
+    assert middle(sorted(numbers)) == np.median(numbers)

@@ -1,10 +1,13 @@
 """`omnilab fidelity` on made-up run folders: what it uses, what it refuses, what it writes, what it runs."""
 
 import os
+import re
+import shutil
 import signal
 import sys
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +16,8 @@ from omnilab.api import Metric, Report
 from omnilab.runner.config import resolved_yaml
 from omnilab.runner.fidelity import command
 from omnilab.runner.fidelity.claims import read_claims
+from omnilab.runner.fidelity.kept import read_kept, write_kept
+from omnilab.runner.fidelity.measured import RunSettings
 from omnilab.runner.overrides.composition import check_build, compose_job
 from omnilab.runner.registry import discover
 from omnilab.runner.run_folder import DONE, FAILED, RunFolder
@@ -33,7 +38,7 @@ claims:
   - {id: mean, place: "4", says: Most., reported: "4", expect: {at_most: 3},
      protocol: {run: graph, metric: "max(times.csv.ms)"}}
   - {id: within, place: "6", says: With an interval., reported: "3", expect: {at_most: 3},
-     protocol: {run: graph, metric: "times.csv[method=b].ms"}}
+     protocol: {run: graph, metric: "times.csv[method=b].step_ms"}}
   - {id: never, place: "5", says: Never., reported: "1", not_reproduced: nobody can}
 """
 
@@ -62,6 +67,7 @@ def made(tmp_path, configurations):
         metrics = [] if ate is None else [Metric("ate", ate, "m", interval)]
         table = {"ms": list(times[0]), "method": list(times[1]), "ms_low": [1.5, np.nan][: len(times[0])]}
         table["ms_high"] = [2.5, np.nan][: len(times[0])]
+        table |= {column.replace("ms", "step_ms", 1): values for column, values in table.items() if "ms" in column}
         run.write(Report(metrics, tables={"times": table}))
         run.end(status)
         return folder
@@ -98,11 +104,13 @@ def test_the_table_is_of_the_run_folders(fidelity, made, tmp_path):
         "**reached by the variant**",
     ]  # fmt: skip
     assert rows["order"][3] == "a 0.2 [-0.0484, 0.448] m (3 seeds); b 0.05 [0.04, 0.06] m (one run)"
-    assert rows["order"][5] == "**other order**"
+    assert rows["order"][5] == "**other order** ~"
     assert rows["cell"][5] == "**reached**"
     assert rows["mean"][3] == "`max(times.csv.ms)` 4 [4, 4] ms (3 seeds)"
     assert rows["mean"][5] == "**not reached**"
     assert rows["never"][5] == "**cannot be tested**"
+    assert rows["within"][5] == "**reached** †"
+    assert "\n† About times, which are those of the machine" in text
     assert "| Chapter one | 6 | 2 | 1 | 1 | 1 | – | 1 |" in text
     assert "- `small`: in a | room" in text
     assert "| graph | `omnilab experiment=pose_graph` | 0, 1, 2 | `pose_graph/graph-0-0.2`" in text
@@ -118,7 +126,7 @@ def test_what_was_not_run_is_not_measured_and_a_run_of_a_seed_counts_once(fideli
     rows = rows_of((tmp_path / "fidelity.md").read_text())
     assert rows["small"][3:6] == ["`ate` 0.4 m (one run)", "not measured", "**not reached**"]
     assert rows["order"][5] == "**not measured**"
-    assert rows["within"][3:6] == ["`times.csv[method=b].ms` 2 [1.5, 2.5] ms (one run)", "–", "**reached**"]
+    assert rows["within"][3:6] == ["`times.csv[method=b].step_ms` 2 [1.5, 2.5] ms (one run)", "–", "**reached** †"]
 
 
 def test_a_run_of_before_a_setting_counts_and_one_of_other_components_does_not(fidelity, made, tmp_path):
@@ -144,11 +152,83 @@ def test_a_damaged_run_and_a_metric_that_is_not_there_are_told(fidelity, made, t
     assert "has no metric ate; run it again" in text
 
 
+def test_measurements_outlive_their_folders(fidelity, made, tmp_path):
+    made("graph", 0.3)
+    made("wrong", 0.2, interval=(0.1, 0.3))
+    assert fidelity("report", "logs", "--keep", "kept.json", "-o", "first.md").rc == 0
+    shutil.rmtree(tmp_path / "logs")
+    kept = (tmp_path / "kept.json").read_bytes()
+    assert fidelity("report", "--keep", "kept.json", "-o", "second.md").rc == 0
+    first, second = ((tmp_path / name).read_text() for name in ("first.md", "second.md"))
+    assert second == first.replace("`pose_graph/graph-0-0.3`", "`pose_graph/graph-0-0.3` (kept)").replace(
+        "`pose_graph/wrong-0-0.2`", "`pose_graph/wrong-0-0.2` (kept)"
+    )
+    assert (tmp_path / "kept.json").read_bytes() == kept
+    made("graph", 0.05)
+    made("graph", 0.06, seed=1)
+    assert fidelity("report", "logs", "--keep", "kept.json", "--claims", "small").rc == 0
+    small = rows_of((tmp_path / "fidelity.md").read_text())["small"]
+    assert small[3:5] == ["`ate` 0.055 [-0.00853, 0.119] m (2 seeds)", "`ate` 0.2 [0.1, 0.3] m (one run)"]
+    assert fidelity("report", "--keep", "kept.json").rc == 0
+    assert "**not measured**" not in (tmp_path / "fidelity.md").read_text()
+
+
+def test_a_newer_measurement_counts_though_its_folder_is_gone(fidelity, made, tmp_path):
+    folder = made("graph", 0.3)
+    assert fidelity("report", "logs", "--keep", "kept.json").rc == 0
+    status = folder / "status.json"
+    status.write_text(re.sub(r'"time": "\d+', '"time": "1999', status.read_text()))
+    (folder / "metrics.csv").write_text("metric,value,unit\nate,0.5,m\n")
+    assert fidelity("report", "logs", "--keep", "kept.json").rc == 0
+    assert rows_of((tmp_path / "fidelity.md").read_text())["small"][3] == "`ate` 0.3 m (one run)"
+
+
+def test_what_was_kept_of_another_configuration_is_left_out_and_said(fidelity, made, program, tmp_path):
+    made("graph", 0.3)
+    made("wrong", 0.2)
+    assert fidelity("report", "logs", "--keep", "kept.json").rc == 0
+    kept = read_kept(tmp_path / "kept.json")
+    (wrong,) = kept["wrong"]
+    other = RunSettings(wrong.configuration.components, {**wrong.configuration.settings, "study.wrong_loops": "0.25"})
+    renamed = {"graph": kept["graph"], "wrong": [replace(wrong, configuration=other)], "once": [wrong]}
+    write_kept(tmp_path / "kept.json", renamed)
+    assert fidelity("report", "--keep", "kept.json").rc == 0
+    text = (tmp_path / "fidelity.md").read_text()
+    assert (
+        "- not used: wrong, seed 0 (kept of pose_graph/wrong-0-0.2: study.wrong_loops was 0.25, and is 0.2 now)" in text
+    )
+    assert "- once was kept, and is no run of a claim" in text
+    assert rows_of(text)["small"][3:5] == ["`ate` 0.3 m (one run)", "not measured"]
+    assert read_kept(tmp_path / "kept.json").keys() == renamed.keys(), "nothing is thrown away"
+    assert fidelity("run", "--logs", "again", "--keep", "kept.json").rc == 0
+    assert [[word for word in call if "=" in word] for call in program()] == [
+        ["experiment=pose_graph", "study.wrong_loops=0.2", "seed=0", "logs=again"]
+    ]
+
+
+def test_a_value_that_was_not_kept_is_asked_for(fidelity, made, tmp_path):
+    made("graph", 0.3)
+    assert fidelity("report", "logs", "--keep", "kept.json").rc == 0
+    kept = read_kept(tmp_path / "kept.json")
+    (run,) = kept["graph"]
+    write_kept(tmp_path / "kept.json", {"graph": [replace(run, values={"ate": run.values["ate"]})]})
+    assert fidelity("report", "--keep", "kept.json").rc == 0
+    text = (tmp_path / "fidelity.md").read_text()
+    assert rows_of(text)["cell"][5] == "**not measured**"
+    assert (
+        "nothing was kept of times.csv[method=b].ms / times.csv[method=a].ms of pose_graph/graph-0-0.3; run it again"
+        in text
+    )
+
+
 def test_a_mistake_is_one_sentence(fidelity, tmp_path):
     (tmp_path / "empty").mkdir()
+    (tmp_path / "list.json").write_text("[]")
     for arguments, why in {
         ("report", "empty"): "empty holds no run",
         ("report", "nowhere"): "nowhere holds no run",
+        ("report",): "give a folder of runs, or --keep FILE",
+        ("report", "--keep", "list.json"): "list.json holds no kept measurements (the file should be a mapping)",
         ("report", "empty", "--claims", "smal"): "there is no claim 'smal' (did you mean small?)",
         ("run", "--seeds", "0"): "0 is no number of 1 to 1000",
     }.items():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from omnilab.runner.fidelity.measured import MeasuredValue
 from omnilab.runner.fidelity.verdicts import (
     BY_VARIANT,
     NOT_MEASURED,
@@ -16,6 +17,7 @@ from omnilab.runner.fidelity.verdicts import (
     Expectation,
     SeedEstimate,
     estimate,
+    is_open,
     verdict,
 )
 
@@ -68,7 +70,7 @@ def test_verdicts():
 
 @pytest.mark.parametrize("values", [[1.0, 2.0], [0.3, 0.1, 0.8, 0.4], [5.0, 5.0, 5.0]])
 def test_intervals_over_seeds_are_students(values):
-    found = estimate(values, own=(0, 9))
+    found = estimate([MeasuredValue(value, 0, 9) for value in values])
     sem = stats.sem(values)
     low, high = stats.t.interval(0.95, len(values) - 1, np.mean(values), sem) if sem else (values[0], values[0])
     assert (found.value, found.low, found.high) == pytest.approx((np.mean(values), low, high))
@@ -76,5 +78,29 @@ def test_intervals_over_seeds_are_students(values):
 
 
 def test_one_run_has_its_own_interval_or_none():
-    assert estimate([0.5], own=(0.4, 0.6)) == SeedEstimate(0.5, 1, 0.4, 0.6)
-    assert estimate([0.5]) == SeedEstimate(0.5, 1)
+    assert estimate([MeasuredValue(0.5, 0.4, 0.6, "m")]) == SeedEstimate(0.5, 1, 0.4, 0.6, "m")
+    assert estimate([MeasuredValue(0.5)]) == SeedEstimate(0.5, 1)
+
+
+def test_a_verdict_is_open_where_a_limit_or_the_next_value_lies_in_an_interval():
+    def between(low, high):
+        return SeedEstimate((low + high) / 2, 1, low, high)
+
+    least, near, order = (
+        Expectation.parsed(e) for e in ({"at_least": 0.5}, {"about": 1, "within": 0.1}, {"order": "falling"})
+    )
+    assert least.open([between(0.4, 0.7)])
+    assert not least.open([between(0.6, 0.7)])
+    assert not least.open([SeedEstimate(0.5, 1)])
+    assert near.open([between(1.05, 1.2)])
+    assert order.open([between(2, 4), between(1, 3)])
+    assert not order.open([between(2, 4), between(0, 1)])
+    assert order.open([between(2, 4), SeedEstimate(3, 1)])
+    assert order.open([between(1, 3), between(2, 4)])
+    assert not order.open([between(1, 3), between(2, 4), between(5, 6)]), "the last one is above them in any case"
+    assert not order.open([SeedEstimate(2, 1), SeedEstimate(2, 1)])
+    protocol, variant = {"": between(0.1, 0.2)}, {"": between(0.4, 0.9)}
+    assert is_open(least, protocol, variant), "the variant decides"
+    assert not is_open(least, protocol, None)
+    assert not is_open(least, None, None)
+    assert not is_open(None, None, None)

@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 from fuzz_containers import in_glb, in_npz, in_png
-from fuzz_formats import FORMATS, Format, pictures, recording, sound_camera, text_file
+from fuzz_engine import confirm
+from fuzz_formats import FORMATS, Format, pictures, recording, sound_camera, sound_images, text_file
+from fuzz_recordings import RECORDINGS
 
+from omnilab.api import RecordedPoses
 from omnilab.cameras import PinholeCamera, load_camera, save_camera
+from omnilab.runner.fidelity.kept import read_kept, write_kept
+from omnilab.runner.fidelity.measured import MeasuredRun, MeasuredValue, RunSettings
+from omnilab_recordings import Video
 from omnilab_studies.common.dataset_files import DataSet
 
 KALIBR = """cam0:
@@ -94,6 +102,23 @@ def begun(folder: Path) -> None:
     DataSet(folder).open(contents)
 
 
+def measurements(folder: Path) -> None:
+    """What `omnilab fidelity report --keep` leaves."""
+    made = RunSettings({"study": "pose_graph"}, {"study.wrong_loops": "0.1"})
+    values = {"ate": MeasuredValue(0.1, 0.05, 0.2, "m"), "lost_rate": MeasuredValue(math.nan)}
+    run = MeasuredRun("0", made, "pose_graph/a", "0.1.0", "abcdef0", "2026-01-02T03:04:05+00:00", 61.5, values)
+    write_kept(folder / "kept.json", {"graph": [run, replace(run, seed="1")]})
+
+
+def kept_measurements(folder: Path) -> None:
+    """Read them, and what a table shows of them."""
+    for run in (run for runs in read_kept(folder / "kept.json").values() for run in runs):
+        texts = [run.seed, run.folder, run.version, run.commit, run.ended, *(v.unit for v in run.values.values())]
+        confirm(not any(set(text) & set("`|<>\n") for text in texts), "a text that a table cannot hold")
+        numbers = [number for v in run.values.values() for number in (v.value, v.low, v.high) if number is not None]
+        confirm(not any(map(math.isinf, numbers)), "a number is not finite")
+
+
 def deep_picture(kind: Callable[[np.ndarray], np.ndarray], suffix: str) -> Callable[[Path], None]:
     def write(folder: Path) -> None:
         ramp = np.add.outer(np.arange(32), np.arange(32)) / 64
@@ -107,7 +132,28 @@ def picture(kind: Callable[[np.ndarray], np.ndarray], suffix: str = "png") -> Fo
     return Format(f"1.{suffix}", deep_picture(kind, suffix), lambda folder: recording(folder, positions=None))
 
 
+def film(codec: str, pix_fmt: str, suffix: str) -> Format:
+    def write(folder: Path) -> None:
+        with av.open(str(folder / f"a.{suffix}"), "w") as container:
+            stream = container.add_stream(codec, rate=20)
+            stream.width, stream.height, stream.pix_fmt = 32, 32, pix_fmt
+            for i in range(6):
+                grey = np.add.outer(np.arange(32), 4 * np.arange(32) + 8 * i).astype(np.uint8)
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(grey, format="gray").reformat(format=pix_fmt)))
+            container.mux(stream.encode())
+
+    def read(folder: Path) -> None:
+        sensor = Video(str(folder / f"a.{suffix}"), circle_px=[16.0, 16.0, 15.0])
+        for frames in sensor.frames(sensor.plan(RecordedPoses())):
+            sound_images(frames.images)
+
+    return Format(f"a.{suffix}", write, read)
+
+
 MORE: dict[str, Format] = {
+    "video_mkv": film("mpeg4", "yuv420p", "mkv"),
+    "video_avi": film("mjpeg", "yuvj420p", "avi"),
+    "video_mp4": film("mpeg4", "yuv420p", "mp4"),
     "calibration_kalibr_equi": calibration("c.yaml", kalibr("pinhole", "equidistant")),
     "calibration_kalibr_radtan": calibration("c.yaml", kalibr("pinhole", "radtan")),
     "calibration_kalibr_omni": calibration("c.yaml", kalibr("omni", "radtan", "1.47, ")),
@@ -118,6 +164,7 @@ MORE: dict[str, Format] = {
     "dataset_positions": Format("positions.csv", data_set, lambda folder: recording(folder, circle_px=None)),
     "dataset_camera": Format("camera.json", data_set, lambda folder: recording(folder, circle_px=None)),
     "dataset_about": Format("dataset.json", begun, begun),
+    "kept_measurements": Format("kept.json", measurements, kept_measurements),
     "picture_16_bit": picture(lambda ramp: (ramp * 65535).astype(np.uint16)),
     "picture_alpha": picture(lambda ramp: np.dstack([np.tile(ramp[..., None] * 255, 3), 255 - ramp * 100]).astype(np.uint8)),
     "within_map": replace(FORMATS["map_npz"], mutate=in_npz),
@@ -125,4 +172,4 @@ MORE: dict[str, Format] = {
     "within_png": replace(FORMATS["image_png"], mutate=in_png),
     "within_glb": replace(FORMATS["mesh_glb"], mutate=in_glb),
 }  # fmt: skip
-ALL = FORMATS | MORE
+ALL = FORMATS | MORE | RECORDINGS

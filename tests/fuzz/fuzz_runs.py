@@ -56,6 +56,12 @@ BASES = {
     "large_map": Base((
         "experiment=large_map", *SENSOR, "study.steps_m=[1.5,1.0]", "study.query_count=3",
     ), ("descriptor", "distance", "localizers", "study")),
+    "route_localization": Base((
+        "experiment=route_localization", *SENSOR, "study.path=path.csv", "study.every=2", "study.show=1",
+    ), ("descriptors", "distances", "localizers", "study"), {**ONE, "localizers": ("route_filter",)}),
+    "catchment": Base((
+        "experiment=catchment", *SENSOR, "study.step_m=1.0", "study.extent_m=null", "study.references=3", "~distances.pixels",
+    ), ("descriptors", "distances", "study"), ONE),
     "altitude": Base((
         "experiment=altitude", *SENSOR, "study.position_count=1", "study.heights_m=[0.5,1.0,0.25]", "study.references_m=[0.75]", "~localizer",
     ), ("altimeters", "disturbance", "study"), {"altimeters": ("radon_compression",), "disturbances": ()}, {"study.levels": {}}),
@@ -93,6 +99,22 @@ BASES = {
     "matching": Base((
         "experiment=matching", *SENSOR, "study.distances_m=[0.5]", "study.pairs=2", "study.images=60", "~odometries.tiles",
     ), ("odometries", "study"), {"odometries": ("planar_epipolar",)}),
+    "view_density": Base((
+        "experiment=view_density", *SENSOR, "study.path=path.csv", "study.seeds=2", "study.similarities=[0.5]", "study.gains=[0.6]",
+        "study.references=2", "study.compared=4", "study.show=2", "~odometries.upright",
+    ), ("odometry", "odometries", "view_filters", "study"), {"odometries": ("planar_epipolar",), "view_filters": ("view_ekf",)}),
+    "rotations": Base((
+        "experiment=rotations", f"sensor.world={BOX}", "sensor.width=64", "sensor.height=32", "sensor.samples=1", "study.pairs=2",
+        "study.distances_m=[0.5]", "study.step_m=0.5", "study.show=1",
+    ), ("descriptors", "distances", "disturbance", "study"), {"descriptors": ("fourier_signature",), "distances": ("circular_correlation",)}),
+    "lifelong_map": Base((
+        "experiment=lifelong_map", *SENSOR, "descriptor=tiny_image", "study.step_m=1.5", "study.query_count=3", "study.days=[unchanged,higher]",
+    ), ("descriptor", "distance", "study"), settings={"study.conditions": {"higher": {"height_m": 1.2}}}),
+    "parameter_curves": Base((
+        "experiment=parameter_curves", *SENSOR, "study.step_m=1.5", "study.references=2", "study.line_step_m=0.25", "study.reach_m=1.0",
+    ), ("study", "sensor"), {"descriptors": ("fourier_signature",), "distances": ("euclidean",)}, {
+        "study.parameters": {"k1": {"of": "descriptors.fourier_signature.magnitudes", "values": [1, 4]}},
+    }),
     "graph": Base(
         ("experiment=pose_graph", "study.walk.count=12", "study.walk.side=3"), ("backend", "backends", "study"), {"backends": ()},
     ),

@@ -22,6 +22,7 @@ from omegaconf.errors import OmegaConfBaseException
 from omnilab.api.settings import Range, ranges_of
 from omnilab.errors import ConfigError
 from omnilab.runner.build import build
+from omnilab.runner.overrides.recipe_loader import use_recipe_loader
 from omnilab.runner.registry import DICTS, Registry, discover
 
 BOX = Path(__file__).parents[1] / "box_world.yaml"
@@ -128,6 +129,7 @@ def composed(overrides: Sequence[str]) -> DictConfig:
 def registered() -> Registry:
     registry = discover("")
     confirm(not registry.failures, "a plugin failed")
+    use_recipe_loader(registry)
     return registry
 
 

@@ -14,12 +14,11 @@ from omnilab.errors import OmnilabError
 from omnilab.runner import hydra_app
 from omnilab.runner.cli import COMMANDS
 from omnilab.runner.config import Run
-from omnilab.runner.overrides.compose_errors import recipes
 from omnilab.runner.registry import DICTS, discover
 
 ROOT = Path(__file__).parents[2]
 SLOTS = "|".join(KINDS)
-NO_COMMANDS = {"reads", "map"}  # omnilab reads, the omnilab map
+NO_COMMANDS = {"reads", "map", "tells", "import"}  # omnilab reads, the omnilab map, from omnilab import
 
 
 # ------------------------------------------------------------------------------------------------------- all
@@ -58,8 +57,8 @@ def test_what_sentences_propose_exists():
         rf"\b({'|'.join(DICTS)})\.\w+\.(\w+)(?==)": lambda m: m[2] in settings[m[1]],
         rf"(?<![\w.@])({SLOTS})=([a-z]\w*)\b": lambda m: m[2] in registry.names(m[1]),
         rf"\+({SLOTS})@(\w+)\.": lambda m: m[2] == KINDS[m[1]].plural,
-        r"\bexperiment=([a-z]\w*)": lambda m: m[1] in recipes(),
-        r"\bomnilab ([a-z]\w*)(?!\w*=)": lambda m: m[1] in commands,
+        r"\bexperiment=([a-z]\w*)": lambda m: m[1] in registry.recipes,
+        r"\bomnilab ([a-z]\w*)(?!\w*(=| \d+$))": lambda m: m[1] in commands,  # not what files begin with
         r"(?:\bgive|\bwith|\bor|\band) (--[a-z][\w-]+)": lambda m: m[1] in options,
         r"\bgive (map|logs|seed|threads|cache|cache_gb)=": lambda m: m[1] in {f.name for f in fields(Run)},
     }
@@ -91,7 +90,7 @@ FOLLOWED = [  # what is given; what the advice says, as a pattern; what is given
     (["seed=1", "grid"], r"did you mean (\S+)\?", ["seed=1", "{0}"]),
     (["study.stp_m=1"], r"did you mean (\S+)\?", ["study.{0}=1"]),
     (["speed=3"], r"did you mean (\S+)\?", ["{0}=3"]),
-    (["~experiment", "study=pose_graph"], r"or (hydra.run.dir=)DIR", ["~experiment", "study=pose_graph", "backend=gtsam_batch", "{0}here"]),
+    (["~experiment"], r"give experiment=NAME or (study=)NAME", ["~experiment", "{0}pose_graph", "backend=gtsam_batch"]),
     (["logs="], r"give logs=DIR, or (logs=\.)", ["{0}"]),
     (["hydra.run.dir="], r"give (hydra.run.dir=)DIR", ["{0}here"]),
     (["--resolve"], r"give (--cfg) (job) (--resolve)$", ["{0}", "{1}", "{2}"]),

@@ -132,7 +132,7 @@ COMPOSED = [
     (["seed=${oc.env:OMNILAB_NOT_SET}"], "the environment variable OMNILAB_NOT_SET, which is not set; set it"),
     (["hydra.run.dir=${x}"], "there is no setting x"),
     (["logs="], "names no folder; give logs=DIR"),
-    (["~experiment"], "give experiment=NAME, or hydra.run.dir=DIR"),
+    (["~experiment"], "give experiment=NAME or study=NAME"),
     (["hydra/launcher=foo"], "hydra/launcher 'foo' does not exist; there is basic"),
     (["--config-name", "foo"], "leave it out, and choose a recipe with experiment=NAME"),
     (["--config-path", "/nowhere"], "give --config-dir DIR for recipes of your own"),

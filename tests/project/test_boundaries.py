@@ -8,6 +8,7 @@ import sys
 import tomllib
 from collections import Counter
 from collections.abc import Iterator
+from functools import cache
 from importlib.metadata import packages_distributions
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +16,8 @@ from typing import Any, NamedTuple
 import pytest
 
 ROOT = Path(__file__).parent.parent.parent
-CORE = sorted((ROOT / "omnilab").rglob("*.py"))
+TEMPLATES = ROOT / "omnilab/runner/authoring/templates"  # what strangers begin with
+CORE = sorted(path for path in (ROOT / "omnilab").rglob("*.py") if TEMPLATES not in path.parents)
 PLUGINS = sorted(path.parent for path in (ROOT / "plugins").glob("*/pyproject.toml"))
 PACKAGES = {"omnilab": ROOT / "omnilab"} | {f"omnilab_{p.name}": p / f"omnilab_{p.name}" for p in PLUGINS}
 
@@ -28,7 +30,10 @@ MAY_IMPORT = {
     "log_times": {"api"},
     "manifest": {"file_kinds"},
     "renamed": set[str](),
+    "shipped_worlds": set[str](),
+    "run_header": {"api", "errors", "manifest"},
     "limits": {"errors"},
+    "memory": set(),
     "api": {"errors", "renamed"},
     "arrays": {"api", "file_kinds"},
     "geometry": {"api"},
@@ -39,7 +44,7 @@ MAY_IMPORT = {
     "client": {"atomic_files", "errors"},
     "cameras": {"api", "atomic_files", "errors", "file_kinds", "geometry"},
     "image": {"api", "errors", "cameras", "limits"},
-    "": {"api", "hooks", "renamed"},
+    "": {"api", "errors", "hooks", "renamed"},
     "runner": {
         "",
         "api",
@@ -47,14 +52,18 @@ MAY_IMPORT = {
         "atomic_files",
         "client",
         "limits",
+        "memory",
         "manifest",
         "renamed",
+        "run_header",
         "errors",
         "file_kinds",
         "geometry",
         "hooks",
         "image",
         "metrics",
+        "shipped_worlds",
+        "testing",
     },
     "testing": {"", "api", "renamed", "cameras", "errors", "geometry", "image", "posegraph", "runner"},
     "__main__": {"runner"},
@@ -63,30 +72,36 @@ CONTRACT = set(MAY_IMPORT) - {"runner", "__main__"}  # what plugins may import
 FRONTS = {"serve"}  # plugins that stand on the runner, as the command line does
 THIRD_PARTY = {  # which modules of omnilab may import what, beside numpy
     "hydra": {
-        "runner.registry", "runner.config", "runner.build", "runner.hydra_app", "runner.overrides.command_line",
-        "runner.overrides.composition", "runner.sweeps.launcher", "runner.sweeps.plan_file",
+        "runner.plugins.config_nodes", "runner.config", "runner.build", "runner.hydra_app", "runner.overrides.command_line",
+        "runner.overrides.composition", "runner.overrides.recipe_loader", "runner.plugins.recipe_source", "runner.sweeps.launcher", "runner.sweeps.plan_file",
         "runner.sweeps.worker",
     },
     "omegaconf": {
-        "runner.registry", "runner.config", "runner.build", "runner.execute", "runner.hydra_app", "runner.input_files",
+        "runner.registry", "runner.plugins.config_nodes", "runner.config", "runner.build", "runner.execute", "runner.hydra_app", "runner.input_files",
         "runner.sweeps.objective", "runner.overrides.command_line", "runner.overrides.compose_errors",
-        "runner.overrides.composition",
+        "runner.overrides.composition", "runner.overrides.recipe_loader", "runner.plugins.recipe_source",
         "runner.sweeps.launcher", "runner.sweeps.optuna_study", "runner.sweeps.start",
     },
+    "mkdocs": {"runner.site.command", "runner.site.plugin"},
     "optuna": {"runner.sweeps.optuna_study"},
     "pluggy": {"hooks", "runner.registry"},
-    "cv2": {"image", "cameras.reproject", "runner.sweeps.worker"},
+    "cv2": {
+        "image", "cameras.reproject", "cameras.calibration.corners", "cameras.calibration.grid", "runner.sweeps.worker",
+    },
     "rich": {
-        "runner.cli", "runner.console_sink", "runner.terminal", "runner.sweeps.display", "runner.sweeps.status_commands",
+        "runner.authoring.check", "runner.cli", "runner.console_sink", "runner.terminal", "runner.sweeps.display", "runner.sweeps.status_commands",
         "runner.sweeps.status_table",
     },
-    "threadpoolctl": {"runner.execute"},
+    "threadpoolctl": {"runner.execute", "cameras.calibration.calibrate"},
     "yaml": {"runner.run_folder.reading", "runner.sweeps.plan_file", "cameras.formats.safe_yaml"},
     "pandas": {
         "runner.compare.command", "runner.compare.comparison", "runner.compare.order", "runner.compare.paired",
         "runner.compare.tables",
     },
-    "scipy": {"runner.compare.comparison", "runner.compare.paired", "runner.fidelity.verdicts"},
+    "scipy": {
+        "runner.compare.comparison", "runner.compare.paired", "runner.fidelity.verdicts", "cameras.calibration.bundle",
+        "cameras.calibration.calibrate", "cameras.calibration.models",
+    },
     "matplotlib": {"runner.compare.figures", "runner.compare.plots"},
 }  # fmt: skip
 LAZY = {
@@ -114,7 +129,8 @@ class Import(NamedTuple):
         return self.module.partition(".")[0]
 
 
-def imports(path: Path) -> Iterator[Import]:
+@cache
+def imports(path: Path) -> tuple[Import, ...]:
     """Every module that a file imports; `from omnilab import api` is an import of omnilab.api."""
 
     def visit(node: ast.AST, lazy: bool, typing: bool) -> Iterator[Import]:
@@ -127,13 +143,14 @@ def imports(path: Path) -> Iterator[Import]:
             types = isinstance(child, ast.If) and typing_only(child)
             yield from visit(child, lazy or types or isinstance(child, ast.FunctionDef), typing or types)
 
-    return visit(ast.parse(path.read_text(encoding="utf-8")), False, False)
+    return tuple(visit(ast.parse(path.read_text(encoding="utf-8")), False, False))
 
 
 def typing_only(node: ast.If) -> bool:
     return isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
 
 
+@cache
 def file_of(module: str) -> Path | None:
     """The file of a module of ours, `__init__.py` for a package; None of any other module."""
     top, _, rest = module.partition(".")
@@ -199,6 +216,17 @@ def test_a_module_of_the_core_imports_the_libraries_that_are_its_business(path: 
             assert found.lazy or found.top not in LAZY, f"{name} imports {found.module} before it is needed"
 
 
+@pytest.mark.parametrize("path", sorted(TEMPLATES.glob("c*/*.py")), ids=lambda path: f"{path.parent.name}/{path.stem}")
+def test_a_template_imports_what_a_plugin_may(path: Path) -> None:
+    component = module_of(path).replace(".checks.", ".components.")
+    for found in outside(path):
+        if found.top == "omnilab":
+            allowed = CONTRACT if path.parent.name == "components" else CONTRACT | {"runner"}
+            assert part_of(found.module) in allowed or found.module == component, f"{path} imports {found.module}"
+        else:
+            assert found.top == "numpy" or (found.top == "matplotlib" and found.lazy)
+
+
 def test_every_part_of_the_core_says_what_it_may_import() -> None:
     assert {part_of(module_of(path)) for path in CORE} == set(MAY_IMPORT)
 
@@ -262,7 +290,7 @@ def test_a_distribution_declares_what_it_imports_and_no_more(folder: Path) -> No
 
 
 IMPORTED_BY_OTHERS = {"python-multipart"}  # by FastAPI, which reads forms with it but does not ask for it
-ENGINES = ("joblib", "submitit", "ray", "optuna")  # extras of plugins of Hydra, which Hydra imports
+ENGINES = ("joblib", "submitit", "ray", "optuna", "docs")  # extras of plugins, which Hydra and MkDocs import
 
 
 def dependencies(folder: Path, but: tuple[str, ...] = ("all",)) -> set[str]:

@@ -13,42 +13,46 @@ ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def _blocks(language):
-    return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
+EXPERIMENTS = (ROOT / "docs/experiments.md").read_text(encoding="utf-8")
+COMPONENTS = (ROOT / "docs/components.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(("language", "file"), [("python", "omnilab_tiny.py"), ("toml", "pyproject.toml")])
-def test_add_your_own_is_what_the_tests_install(language, file):
-    shown = (ROOT / "tests/third_party" / file).read_text(encoding="utf-8")
-    assert shown in _blocks(language)
+def _blocks(language, text=README):
+    return re.findall(rf"```{language}\n(.*?)```", text, flags=re.DOTALL)
+
+
+def test_add_your_own_is_what_the_tests_install():
+    assert (ROOT / "tests/third_party/omnilab_tiny.py").read_text(encoding="utf-8") in _blocks("python")
 
 
 def test_what_a_newcomer_needs_is_on_the_first_pages():
-    end = README.index("```", README.index("```toml") + 3)
+    end = README.index("omnilab new descriptor mine")
     assert README[:end].count("\n") < 80
+    assert README.count("\n") < 100  # two screens
     assert (ROOT / re.search(r"!\[.*?\]\((.*?)\)", README, flags=re.DOTALL)[1]).is_file()
 
 
 def test_the_table_of_components_is_complete():
     registry = discover("")
     for kind in KINDS:
-        row = re.search(rf"^\| {kind} \|(.*)\|$", README, flags=re.MULTILINE)
-        assert row, f"README has no row for {kind}"
+        row = re.search(rf"^\| {kind} \|(.*)\|$", COMPONENTS, flags=re.MULTILINE)
+        assert row, f"docs/components.md has no row for {kind}"
         assert set(registry.names(kind)) <= set(re.findall(r"`(\w+)`", row[1]))
 
 
 def test_every_command_and_recipe_is_shown():
     for command in COMMANDS:
-        assert f"omnilab {command}" in README
+        assert f"omnilab {command}" in EXPERIMENTS
     for recipe in (ROOT / "conf/experiment").glob("*.yaml"):
-        assert f"experiment={recipe.stem}" in README or recipe.stem == "quickstart"
+        assert f"experiment={recipe.stem}" in EXPERIMENTS or recipe.stem == "quickstart"
 
 
 @pytest.mark.slow
 def test_the_library_example_runs(tmp_path, monkeypatch, capsys, request):
     request.getfixturevalue("omnilab_here")("study.step_m=2", "study.query_count=4", "study.show=1", "sensor.size=64")
-    (example,) = [block for block in _blocks("python") if "Recorder" in block]
-    exec(compile(example, "README.md", "exec"), {})
+    page = (ROOT / "docs/quickstart.md").read_text(encoding="utf-8")
+    (example,) = _blocks("python", page)
+    exec(compile(example, "quickstart.md", "exec"), {})
     assert "nearest_rate" in capsys.readouterr().out
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -42,7 +43,7 @@ INSTEAD = {  # of a name in code: the standard term
     "rivals": "methods, filters, backends",
     "said": "warnings",
     "searched": "search_cost",
-    "shelf": "signature_store",
+    "shelf": "row_store",
     "short_lists": "candidates",
     "Sighting": "ImageFeatures",
     "sightings": "spherical_features",
@@ -55,6 +56,11 @@ INSTEAD = {  # of a name in code: the standard term
 }
 ELSEWHERE = {"procedural.py": {"shelf"}}  # a shelf of books
 PROTOCOLS = {"Recorder"}  # of which there is one class, of the same name
+
+
+@cache
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def names(tree: ast.AST) -> Iterator[tuple[int, str]]:
@@ -75,7 +81,7 @@ def test_names_are_standard_terms(path: Path) -> None:
     assert path.stem not in INSTEAD, f"call it {INSTEAD[path.stem]}"
     found = {
         f"{path.name}:{line}: {name}, which is {INSTEAD[name.strip('_')]}"
-        for line, name in names(ast.parse(path.read_text(encoding="utf-8")))
+        for line, name in names(parsed(path))
         if name.strip("_") in INSTEAD.keys() - ELSEWHERE.get(path.name, set())
     }
     assert not found
@@ -85,7 +91,7 @@ def test_a_class_name_is_one_class() -> None:
     """Across all packages, private ones apart."""
     homes: dict[str, list[str]] = {}
     for path in SOURCES:
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        for node in parsed(path).body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 homes.setdefault(node.name, []).append(path.relative_to(ROOT).as_posix())
     assert {name: found for name, found in homes.items() if len(found) > 1 and name not in PROTOCOLS} == {}

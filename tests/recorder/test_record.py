@@ -1,13 +1,14 @@
 """The recorder: who gets what, and what a failing sink costs."""
 
 import contextlib
+import re
 import threading
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
-from omnilab.api import Answers, DistanceField, Image, Progress, RunResult, Text
+from omnilab.api import Answers, DistanceField, Image, Progress, RunResult, Series, Text
 from omnilab.runner.recorder import Recorder
 from omnilab.testing import sample_records
 
@@ -98,6 +99,8 @@ def test_progress_counts_the_parts_of_each_item():
         assert list(record.track([[1, 2], [3]], "stage", 3)) == [[1, 2], [3]]
     done = [(r.done, r.total) for _, r, _ in sink.taken if isinstance(r, Progress)]
     assert done == [(0, 3), (2, 3), (3, 3)]
+    (line,) = [r.text for path, r, _ in sink.taken if path == "log"]
+    assert re.fullmatch(r"stage: 3 done in \d+\.\d s", line)
 
 
 def test_stages_add_up_even_when_they_raise():
@@ -211,3 +214,31 @@ def test_what_is_no_picture_costs_no_run(caplog, pixels):
     assert sink.taken[-1][1] == Text("and on")
     if len(sink.taken) == 1:
         assert caplog.text.count("'camera' is no picture and left out of the logs") == 1
+
+
+@pytest.mark.parametrize(
+    ("record", "words"),
+    [
+        (Series([0.5], np.array([0]), np.array([0]), "m"), "Series with `values` as list, not as an array (any,)"),
+        (Series(np.zeros(2), np.arange(3), np.arange(2), "m"), "Series with `steps` of shape (3,), not (2,)"),
+        (Series(np.zeros(2), np.zeros(2), np.arange(2), "m"), "Series with `steps` of type float64, not whole"),
+        (3.5, "float; log an Image"),
+    ],
+)
+def test_what_is_no_record_is_said_once_and_no_sink_sees_it(caplog, record, words):
+    sink = Memory()
+    with Recorder({"memory": sink}) as recorder:
+        for _ in range(2):
+            recorder.log("error", record)
+        recorder.log("error", Series(np.array([np.nan]), np.arange(1), np.arange(1), "m"))
+    assert caplog.text.count("'error' is no record and left out of the logs: " + words) == 1
+    assert len(sink.taken) == 1
+
+
+def test_what_has_no_size_counts_as_one():
+    sink = Memory()
+    with Recorder({"memory": sink}) as recorder:
+        assert list(recorder.track(range(3), "numbers", 3)) == [0, 1, 2]
+        list(recorder.track([np.zeros(2), np.zeros(1)], "batches", 3))
+    done = [(r.stage, r.done) for _, r, _ in sink.taken if isinstance(r, Progress)]
+    assert done == [("numbers", n) for n in range(4)] + [("batches", n) for n in (0, 2, 3)]

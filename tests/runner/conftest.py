@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-import os
-import shutil
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,7 +13,7 @@ import numpy as np
 import pytest
 
 import omnilab.runner.fingerprint as fingerprint_module
-from omnilab.runner.signature_cache import SignatureCache
+from omnilab.runner.cache import DiskCache
 
 LIMIT = 10**9
 SOURCE = '''
@@ -89,7 +86,7 @@ def forget():
 @pytest.fixture
 def cache(tmp_path):
     """`cache()`: what another run would have."""
-    return lambda limit=LIMIT, threads=1: SignatureCache(tmp_path / "cache", limit, threads)
+    return lambda limit=LIMIT, threads=1: DiskCache(tmp_path / "cache", limit, threads)
 
 
 @pytest.fixture
@@ -105,34 +102,9 @@ def made_anew():
         forget()
         store = cache(**settings)
         store.wrap(descriptor).describe(images)
-        return store.made
+        return store.made["describe"]
 
     return made_anew
-
-
-@pytest.fixture(scope="session")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Path], Path]:
-    """`installed(source)`: a folder for PYTHONPATH with the distribution of a source tree, of which no copy is left."""
-
-    def installed(source: Path) -> Path:
-        copy, target = tmp_path_factory.mktemp("source") / "omnilab-tiny", tmp_path_factory.mktemp("installed")
-        shutil.copytree(source, copy, ignore=shutil.ignore_patterns("__pycache__"))
-        command = [*installer(), "--quiet", "--no-deps", "--target", str(target), str(copy)]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-        assert done.returncode == 0, done.stderr
-        shutil.rmtree(copy)
-        return target
-
-    return installed
-
-
-def installer() -> list[str]:
-    """What installs packages beside the interpreter that runs the tests: uv, else pip."""
-    if uv := os.environ.get("UV") or shutil.which("uv"):
-        return [uv, "pip", "install", "--python", sys.executable]
-    if importlib.util.find_spec("pip"):
-        return [sys.executable, "-m", "pip", "install"]
-    pytest.skip("neither uv nor pip is there to install a distribution with")
 
 
 @pytest.fixture

@@ -41,9 +41,9 @@ def refused(omnilab_here):
     ("arguments", "told"),
     [
         (["descriptor=radom"], ["descriptor 'radom'", "there is fourier_phase, fourier_signature, gist", "did you mean descriptor=radon?"]),
-        (["sensor=camera"], ["sensor 'camera'", "folder", "mirror"]),
+        (["sensor=webcam"], ["sensor 'webcam'", "folder", "mirror"]),
         (["distance=poc_bnd"], ["'poc_bnd'", "euclidean", "did you mean distance=poc_band?"]),
-        (["study="], ["study ''", "there is altitude, changes, cost"]),
+        (["study="], ["study ''", "there is altitude, catchment, changes, cost"]),
         (["experiment=quickstrat"], ["experiment 'quickstrat'", "recorded_grid", "did you mean experiment=quickstart?"]),
         (["study.stp_m=1"], ["'study.stp_m'", "Grid", "did you mean step_m?"]),
         (["descriptor.angels=45"], ["'descriptor.angels'", "Radon", "did you mean angles?"]),
@@ -89,7 +89,7 @@ def test_settings(refused, tmp_path, arguments, told):
 def test_commands(refused, word):
     sentence = refused(word)
     assert f"'{word}' is no command" in sentence
-    assert "plugins, runs, repeat, repair, " in sentence
+    assert "plugins, new, runs, repeat, repair, " in sentence
     assert ", view, " in sentence
 
 
@@ -331,6 +331,7 @@ def test_settings_that_do_not_exist_are_refused_after_a_plus_too(refused):
     assert "'sinks.console.x' is not a setting" in refused(*SMALL, "+sinks.console.x=1")
 
 
+@pytest.mark.slow
 def test_a_saved_run_that_no_longer_fits_is_told(omnilab_here, refused, tmp_path):
     assert omnilab_here(*SMALL, "~sinks.rerun", "~sinks.mcap").rc == 0
     config = tmp_path / "logs/latest/config.yaml"

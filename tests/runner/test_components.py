@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import MISSING, fields, make_dataclass
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -37,7 +38,7 @@ def test_help_names_commands_components_and_experiments(omnilab_here: Callable[.
     rc, out, err = omnilab_here("--help")
     assert (rc, err) == (0, "")
     assert (
-        "omnilab plugins | runs | repeat | repair | sweep | compare | fidelity | submit | check | report | serve | view | world "
+        "omnilab plugins | new | runs | repeat | repair | sweep | compare | fidelity | submit | docs | check | calibrate | camera | convert | dataset | report | serve | view | world "
         in out
     )
     for kind in KINDS:
@@ -100,11 +101,18 @@ def test_every_component_is_documented() -> None:
     assert undocumented == []
 
 
+@cache
+def parsed(path: Path) -> tuple[str, list[ast.ClassDef]]:
+    """A file's text and its classes."""
+    source = path.read_text()
+    return source, [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ClassDef)]
+
+
 def documented(cls: type[Any], field: str) -> bool:
     """Whether a field has a comment on its own lines or the line above, or is named in a docstring of its class."""
     owner = next(c for c in cls.__mro__ if field in vars(c).get("__annotations__", {}))
-    source = Path(inspect.getsourcefile(owner) or "").read_text()
-    (body,) = (n.body for n in ast.walk(ast.parse(source)) if isinstance(n, ast.ClassDef) and n.name == owner.__name__)
+    source, classes = parsed(Path(inspect.getsourcefile(owner) or ""))
+    (body,) = (node.body for node in classes if node.name == owner.__name__)
     (node,) = (
         n for n in body if isinstance(n, ast.AnnAssign) and isinstance(n.target, ast.Name) and n.target.id == field
     )

@@ -13,6 +13,7 @@ import pytest
 
 from omnilab import hooks, testing
 from omnilab.api import KINDS, Parts
+from omnilab.errors import with_article
 from omnilab.runner.config import Run, Settings
 from omnilab.runner.registry import members
 
@@ -88,7 +89,7 @@ def test_a_new_kind_is_declared_in_one_place(tmp_path: Path) -> None:
     assert "7" in ran.stdout
     lacking = omnilab("--config-dir", "conf", "experiment=pointing")
     assert lacking.returncode == 2
-    assert "the study needs a compasses, and none is chosen; give +compass@compasses.NAME=north" in lacking.stderr
+    assert "the study needs compasses, and none is chosen; give +compass@compasses.NAME=north" in lacking.stderr
 
 
 def test_runs_have_the_slots_and_dictionaries_of_the_table() -> None:
@@ -115,7 +116,7 @@ def test_what_type_checkers_see_of_parts_is_what_there_is() -> None:
 
 def test_every_kind_has_a_hook_a_check_and_says_what_it_is() -> None:
     specified = {name: hook for name, hook in vars(hooks.hookspecs()).items() if name.startswith("register_")}
-    assert set(specified) == {*(kind.hook for kind in KINDS.values()), hooks.COMMANDS_HOOK}
+    assert set(specified) == {*(kind.hook for kind in KINDS.values()), hooks.COMMANDS_HOOK, hooks.FOLDERS_HOOK}
     for kind in KINDS.values():
         assert specified[kind.hook].__doc__ == kind.summary
         assert callable(getattr(testing, f"check_{kind.name}"))
@@ -128,3 +129,8 @@ def test_every_kind_is_documented_member_by_member(kind) -> None:
     for member in members(kind.protocol):
         if callable(method := getattr(kind.protocol, member, None)):
             assert method.__doc__, member
+
+
+def test_nouns_have_their_articles() -> None:
+    assert with_article("odometry") == "an odometry"
+    assert with_article("backend") == "a backend"

@@ -21,7 +21,7 @@ DATA = Path(__file__).parents[1] / "data"
 ALONE = ("rms_to_clean", "ate", "chi2", "chi2_before", "wrong_rejected", "true_rejected", "rpe_metre", "drift", "scale",
          "iterations", "problems", "start_gap", "rejected", "trusted", "cost_from_START")  # fmt: skip
 OTHERWISE = {  # declared metrics that these runs have not: they need other settings, or came after version 0.1.0
-    "localize": {"distance_median"}, "render": {"cloud_points"}, "joint": {"scale"},
+    "localize": {"distance_median"}, "live_localize": {"distance_median"}, "render": {"cloud_points"}, "joint": {"scale"},
     "local_map": {"error_median_all_points_METHOD_LOCALIZER"}, "room": {"error_median_all_points_METHOD_LOCALIZER"},
     "topological_map": {"rms_steps_combined_LENGTHS_LOCALIZER_at_STEP_m", "best_rms_steps_LENGTHS_at_STEP_m"},
     "view_slam": {"FILTER_variables"}, "view_density": {"METHOD_similarity_1m"},

@@ -11,6 +11,7 @@ from omnilab.geometry import planar_poses
 from omnilab.runner.build import build
 from omnilab.runner.config import named_components, resolved_yaml
 from omnilab.runner.map_file import save_map
+from omnilab.runner.plugins.config_nodes import store_components
 from omnilab.runner.registry import discover
 
 RECIPES = sorted(path.stem for path in (Path(__file__).parents[2] / "conf/experiment").glob("*.yaml"))
@@ -18,14 +19,14 @@ RECIPES = sorted(path.stem for path in (Path(__file__).parents[2] / "conf/experi
 
 @pytest.mark.parametrize("name", RECIPES)
 def test_a_recipe_is_whole(name, tmp_path):
-    registry = discover("")
+    store_components(registry := discover(""))
     overrides = [f"experiment={name}", *([f"sensor.path={tmp_path}"] if name.startswith("recorded") else [])]
     unset = {  # what a user has to give
         "render": f"study.folder={tmp_path}", "recorded_views": "odometry.file=wheels.tum",
-        "known_views": f"sensors.known.path={tmp_path}",
+        "known_views": f"sensors.known.path={tmp_path}", "live_localize": f"sensor.path={tmp_path}/drive.mp4",
     }  # fmt: skip
     overrides += [unset[name]] if name in unset else []
-    if name == "localize":
+    if name in {"localize", "live_localize"}:
         poses = planar_poses(np.eye(3))
         used = {"descriptor": {"name": "radon"}, "distance": {"name": "poc"}}
         places = Places(Signatures(np.ones((3, 173, 180), np.float32)), poses, ["a", "b", "c"])

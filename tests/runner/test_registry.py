@@ -18,6 +18,7 @@ from omegaconf import OmegaConf
 
 from omnilab.errors import ConfigError
 from omnilab.runner.cli import main
+from omnilab.runner.plugins.config_nodes import store_components
 from omnilab.runner.registry import HOOKS, Registry, discover
 
 MEAN = '''
@@ -150,7 +151,6 @@ def test_one_bad_component_takes_its_whole_plugin_out(write: Write) -> None:
     registry = discover(f"none,{path}")
     assert the_failure(registry).endswith("see Sink in omnilab.api")
     assert not registry.components
-    assert "descriptor" not in ConfigStore.instance().repo
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
@@ -192,7 +192,7 @@ def test_an_installed_plugin_is_found_and_can_be_left_out(install: Callable[[str
 
 
 def test_a_components_class_is_what_hydra_builds(write: Write) -> None:
-    discover(f"none,{write('mine', GOOD)}")
+    store_components(discover(f"none,{write('mine', GOOD)}"))
     node = ConfigStore.instance().load("descriptor/mean.yaml").node
     built = OmegaConf.to_object(OmegaConf.merge(node, {"gain": 2}))
     assert type(built).__name__ == "Mean"

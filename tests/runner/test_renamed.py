@@ -193,6 +193,7 @@ def test_a_descriptor_with_nonsense_is_not_adapted() -> None:
 
 
 # ---------------------------------------------------------------------------------------------- names that users type
+@pytest.mark.slow
 def test_a_component_is_chosen_by_its_old_name(omnilab_here: Callable[..., Any], tmp_path: Path) -> None:
     rc, _, err = omnilab_here(*SMALL, "localizer=filter")
     assert rc == 0, err

@@ -53,11 +53,16 @@ def test_another_seed_gives_another_result(alone, jobs):
     assert all(other != mine for other, mine in zip(bytes_of(jobs[0]), bytes_of(alone), strict=True))
 
 
-def described(folder):
+def described(folder, names=("described", "taken from the cache")):
     """How many images a run described, and how many it had from the cache."""
     with (folder / "cost.csv").open(newline="") as stream:
         costs = {row["cost"]: row["value"] for row in csv.DictReader(stream)}
-    return [int(costs[name]) for name in ("described", "taken from the cache") if name in costs]
+    return [int(costs[name]) for name in names if name in costs]
+
+
+def rendered(folder):
+    """How many images a run rendered, and how many it had from the cache."""
+    return described(folder, ("rendered", "renderings taken from the cache"))
 
 
 def test_a_run_gives_the_same_bytes_with_a_cold_cache_with_a_warm_one_and_without(alone, here, omnilab_here, tmp_path):
@@ -68,23 +73,25 @@ def test_a_run_gives_the_same_bytes_with_a_cold_cache_with_a_warm_one_and_withou
         assert omnilab_here(*SMALL, "seed=1", setting, *NO_LOGS).rc == 0
         folder = (tmp_path / "logs" / "latest").resolve()
         assert described(folder) == expected
+        assert rendered(folder) == ([0, sum(rendered(alone))] if expected else [])
         assert bytes_of(folder) == bytes_of(alone)
     assert not (tmp_path / "logs" / "cache").exists()
 
 
-def test_a_sweep_over_distances_describes_once(omnilab_here, tmp_path):
+def test_a_sweep_over_distances_renders_and_describes_once(omnilab_here, tmp_path):
     assert omnilab_here("-m", *SMALL, "distance=poc_band,poc,euclidean", *NO_LOGS).rc == 0
     (folder,) = (tmp_path / "logs" / "quickstart").iterdir()
     first, *others = [described(folder / job) for job in "012"]
     assert first[1] == 0
     assert others == [first[::-1]] * 2
+    assert [rendered(folder / job)[0] for job in "12"] == [0, 0]
 
 
 def test_a_study_of_costs_describes_each_time(omnilab_here, tmp_path, monkeypatch):
     monkeypatch.setattr(Grid, "cached", False, raising=False)
     assert omnilab_here(*SMALL, *NO_LOGS).rc == 0
     assert described((tmp_path / "logs" / "latest").resolve()) == []
-    assert not (tmp_path / "logs" / "cache").exists()
+    assert rendered((tmp_path / "logs" / "latest").resolve())[0] > 0
 
 
 def test_repeat_gives_the_same_bytes_and_says_so(alone, here, omnilab_here, monkeypatch):

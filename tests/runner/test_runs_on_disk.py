@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -12,6 +13,7 @@ from omnilab.hooks import RunSummary
 from omnilab.runner.registry import Registry
 from omnilab.runner.repair import RunsOnDisk
 from omnilab.runner.run_folder import DONE, RunFolder, origin
+from omnilab.runner.run_folder.progress import RunProgress
 
 MANIFEST = {"experiment": "grid", "overrides": ["seed=3"], "components": {"descriptor": {"name": "radon"}}}
 
@@ -26,9 +28,20 @@ def folder(tmp_path):
 
 
 def test_the_summary_is_what_the_folder_says(folder):
-    assert RunsOnDisk(Registry()).summary(folder) == RunSummary(
+    found = RunsOnDisk(Registry()).summary(folder)
+    assert replace(found, header="") == RunSummary(
         folder, DONE, "grid", ["seed=3"], {"descriptor": "radon"}, {"seed": 3, "study": {}}, {"rate": 0.5}
     )
+    assert found.header.startswith("### grid: done\n\nrate **0.5**")
+
+
+def test_the_header_of_a_run_that_was_killed_says_how_far_it_came(tmp_path):
+    run = RunFolder(tmp_path / "run")
+    run.open(MANIFEST, "seed: 3\nstudy: {}\n")
+    run.close()
+    run.folder.joinpath("progress.json").write_text(RunProgress("places", 12, 30).to_json())
+    header = RunsOnDisk(Registry()).summary(run.folder).header
+    assert header.splitlines()[0] == "### grid: killed, at places 12 of 30"
 
 
 @pytest.mark.parametrize("damage", ["[", json.dumps(MANIFEST | {"overrides": 3}), ""])

@@ -1,4 +1,4 @@
-"""A descriptor of someone else, as a distribution and as a single file. README's "add your own" shows these two files."""
+"""A descriptor of someone else, as a distribution and as a single file. README's "add your own" shows that file."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ import pytest
 
 from omnilab.runner.run_folder import load_run
 
-pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
+pytestmark = pytest.mark.slow  # whole runs
 
 WORLD = Path(__file__).parents[1] / "box_world.yaml"
 SENSOR = [f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1"]
@@ -27,9 +27,9 @@ def here(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def run(omnilab_in, here):
+def run(omnilab_at, here):
     conditions = ["+study.conditions.raised={height_m: 1.2}", "+study.conditions.same={samples: 1}"]
-    result = omnilab_in(here, *SMALL, *RADON, *OFF, *conditions)
+    result = omnilab_at(here, *SMALL, *RADON, *OFF, *conditions)
     assert result.rc == 0, result.stderr
     return (here / "logs" / "latest").resolve()
 
@@ -90,7 +90,7 @@ def test_nothing_changes(omnilab_here):
 
 
 @pytest.fixture(scope="module")
-def bielefeld(omnilab_in, here):
+def bielefeld(omnilab_at, here):
     """`original` and two other sets, hand-made: pictures named by their column and row alone."""
     folder = here / "sets"
     for name, settings in {
@@ -100,7 +100,7 @@ def bielefeld(omnilab_in, here):
     }.items():
         data = here / f"rendered_{name}"
         arguments = ["experiment=render", "study.step_m=0.3", "study.extent_m=[0.9, 0.6]", f"study.folder={data}"]
-        assert omnilab_in(here, *arguments, *SENSOR, *settings).rc == 0
+        assert omnilab_at(here, *arguments, *SENSOR, *settings).rc == 0
         (folder / name).mkdir(parents=True)
         rows = list(csv.DictReader((data / "positions.csv").read_text().splitlines()))
         x, y = (np.array([float(row[axis]) for row in rows]) for axis in ("x_m", "y_m"))
@@ -110,10 +110,10 @@ def bielefeld(omnilab_in, here):
     return folder
 
 
-def test_folders_in_the_format_of_bielefeld(omnilab_in, here, bielefeld):
+def test_folders_in_the_format_of_bielefeld(omnilab_at, here, bielefeld):
     off = [f"~study.conditions.{name}" for name in ("arboreal", "doorlit", "twilight")]
     radon = ["descriptor.offsets=48", "descriptor.angles=60"]
-    result = omnilab_in(here, "experiment=recorded_changes", f"sensor.path={bielefeld / 'original'}", *radon, *off)
+    result = omnilab_at(here, "experiment=recorded_changes", f"sensor.path={bielefeld / 'original'}", *radon, *off)
     assert result.rc == 0, result.stderr
     rows = load_run(here / "logs" / "latest").table("changes")
     assert [row["condition"] for row in rows] == ["chairs", "winlit"]

@@ -54,6 +54,26 @@ def test_robustness_is_one_command(omnilab_here, folder):
     assert "the metrics are the same" in repeated.stderr
 
 
+def test_robustness_on_a_recording_that_one_setting_declares_equirectangular(omnilab_here, folder, tmp_path):
+    sphere = ("sensor=equirectangular", f"sensor.world={WORLD}", "sensor.width=128", "sensor.height=64")
+    off = ("~sinks.rerun", "~sinks.mcap")
+    assert omnilab_here("experiment=render", *sphere, "study.folder=set", "study.step_m=0.6", *off).rc == 0
+    (tmp_path / "set/camera.json").unlink()
+    images = len(list((tmp_path / "set/images").iterdir()))
+    few = ("~descriptors.sift", "~descriptors.gist", "~descriptors.hog", "study.query_count=12", "disturbance=blur")
+    recording = ("sensor.path=set", "sensor.panorama=equirectangular")
+    done = omnilab_here("experiment=recorded_robustness", *recording, *few, *off)
+    assert done.rc == 0, done.stderr
+    levels = rows(folder / "levels.csv")
+    assert float(levels[0]["nearest_rate"]) > 0.7
+    assert images > 40
+    refused = omnilab_here(
+        "experiment=robustness", "sensor=folder", *recording, "study.step_m=0.6", "study.side=2", *off
+    )
+    assert refused.rc == 2
+    assert "of robustness study.every=2" in refused.stderr  # which the run above gives
+
+
 def test_each_batch_size_gives_the_same_rates(omnilab_here, folder):
     found = []
     for batch in (64, 7):

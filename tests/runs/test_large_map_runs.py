@@ -8,25 +8,25 @@ import pytest
 
 from omnilab.runner.run_folder import load_run
 
-pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
+pytestmark = pytest.mark.slow  # whole runs
 
 WORLD = Path(__file__).parents[1] / "box_world.yaml"
 
 
-def test_positions_between_the_places_of_the_room(omnilab_in, tmp_path):
+def test_positions_between_the_places_of_the_room(omnilab_at, tmp_path):
     """The bar is 0.15 steps, at headings between the angles of the grid."""
     arguments = ["study.extent_m=[2,2]", "study.query_count=60", "study.show=1", "sensor.samples=1"]
-    result = omnilab_in(tmp_path, "experiment=grid", "localizer=interpolated", *arguments)
+    result = omnilab_at(tmp_path, "experiment=grid", "localizer=interpolated", *arguments)
     assert result.rc == 0, result.stderr
     metrics = load_run(tmp_path / "logs" / "latest").metrics
     assert metrics["position_error_median"] < 0.15 * 0.2
     assert metrics["heading_error_median"] < 0.5
 
 
-def test_maps_grow_over_steps_and_worlds(omnilab_in, tmp_path):
+def test_maps_grow_over_steps_and_worlds(omnilab_at, tmp_path):
     arguments = [f"sensor.world={WORLD}", "sensor.size=64", "study.steps_m=[0.5,0.2]", f"study.worlds=[{WORLD},room]"]
     arguments += ["study.query_count=30", "+localizer@localizers.one=hierarchical", "localizers.one.probes=1"]
-    result = omnilab_in(tmp_path, "experiment=large_map", *arguments)
+    result = omnilab_at(tmp_path, "experiment=large_map", *arguments)
     assert result.rc == 0, result.stderr
     folder = tmp_path / "logs" / "latest"
     rows = load_run(folder).table("maps")

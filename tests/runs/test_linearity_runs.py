@@ -8,7 +8,7 @@ import pytest
 
 from omnilab.runner.run_folder import load_run
 
-pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
+pytestmark = pytest.mark.slow  # whole runs
 
 WORLD = Path(__file__).parents[1] / "box_world.yaml"
 TINY = Path(__file__).parents[1] / "third_party" / "omnilab_tiny.py"  # the descriptor of a stranger
@@ -23,11 +23,11 @@ def here(tmp_path_factory):
     return tmp_path_factory.mktemp("linearity")
 
 
-def test_linearity_ends_in_one_table(omnilab_in, here):
+def test_linearity_ends_in_one_table(omnilab_at, here):
     arguments = ["study.step_m=0.2", "study.reach_m=0.8", "study.references=4", "study.show=3"]
     arguments += [f"descriptors.{name}=null" for name in ("hog", "radon_gist", "fourier_signature", "gist_4")]
     arguments += [f"distances.{name}=null" for name in ("poc_squared", "log", "root", "euclidean")]
-    result = omnilab_in(here, "experiment=linearity", *SMALL, *arguments)
+    result = omnilab_at(here, "experiment=linearity", *SMALL, *arguments)
     assert result.rc == 0, result.stderr
     folder = here / "logs" / "latest"
     rows = load_run(folder).table("linearity")
@@ -40,10 +40,10 @@ def test_linearity_ends_in_one_table(omnilab_in, here):
     assert "r2_best" in result.stdout
 
 
-def test_cost_says_how_long_it_took(omnilab_in, here):
+def test_cost_says_how_long_it_took(omnilab_at, here):
     arguments = ["study.step_m=0.5", "study.query_count=20"]
     arguments += [f"descriptors.{name}=null" for name in ("radon_45", "radon_gist", "hog_64", "gist", "ring_key")]
-    result = omnilab_in(here, "experiment=cost", *SMALL, *arguments)
+    result = omnilab_at(here, "experiment=cost", *SMALL, *arguments)
     assert result.rc == 0, result.stderr
     folder = here / "logs" / "latest"
     rows = {row["method"]: row for row in load_run(folder).table("times")}

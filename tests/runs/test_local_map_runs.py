@@ -8,7 +8,7 @@ import pytest
 
 from omnilab.runner.run_folder import load_run
 
-pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
+pytestmark = pytest.mark.slow  # whole runs
 
 WORLD = Path(__file__).parents[1] / "box_world.yaml"
 SMALL = [f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1"]
@@ -19,11 +19,11 @@ def here(tmp_path_factory):
     return tmp_path_factory.mktemp("maps")
 
 
-def test_local_maps_end_in_tables(omnilab_in, here):
+def test_local_maps_end_in_tables(omnilab_at, here):
     radon = [f"{of}.{side}" for of in ("descriptor", "descriptors.radon") for side in ("offsets=48", "angles=60")]
     arguments = ["study.steps_m=[0.4]", "study.neighbours=[5,9]", "study.query_count=12", "study.starts=2"]
     arguments += ["descriptors.radon_gist=null", "distances.poc=null", "distances.euclidean=null"]
-    result = omnilab_in(here, "experiment=local_map", *SMALL, *radon, *arguments)
+    result = omnilab_at(here, "experiment=local_map", *SMALL, *radon, *arguments)
     assert result.rc == 0, result.stderr
     folder = here / "logs" / "latest"
     rows = load_run(folder).table("local_maps")
@@ -35,10 +35,10 @@ def test_local_maps_end_in_tables(omnilab_in, here):
     assert all((folder / name).stat().st_size > 0 for name in files)
 
 
-def test_topological_maps_end_in_a_table(omnilab_in, here):
+def test_topological_maps_end_in_a_table(omnilab_at, here):
     arguments = ["study.steps_m=[0.3]", "study.nodes=[6,5]", "descriptors.hog=null", "descriptors.gist=null"]
     arguments += ["distances.pearson=null", "descriptors.radon.offsets=48", "descriptors.radon.angles=60"]
-    result = omnilab_in(here, "experiment=topological_map", *SMALL, *arguments)
+    result = omnilab_at(here, "experiment=topological_map", *SMALL, *arguments)
     assert result.rc == 0, result.stderr
     folder = here / "logs" / "latest"
     rows = load_run(folder).table("topological_maps")

@@ -11,7 +11,7 @@ import pytest
 from omnilab.runner.map_file import load_places
 from omnilab.runner.run_folder import load_run
 
-pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
+pytestmark = pytest.mark.slow  # whole runs
 
 WORLD = Path(__file__).parents[1] / "box_world.yaml"
 SENSOR = [f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1"]
@@ -26,14 +26,14 @@ def here(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def made(omnilab_in, here):
+def made(omnilab_at, here):
     """A map by Radon, and one by a descriptor that learns."""
     folders = {}
     for name, settings in {
         "radon": RADON,
         "pca": ["descriptor=rotational_pca", "descriptor.components=8"],
     }.items():
-        result = omnilab_in(here, *MAP, *settings)
+        result = omnilab_at(here, *MAP, *settings)
         assert result.rc == 0, result.stderr
         folders[name] = (here / "logs" / "latest").resolve()
     return folders
@@ -49,8 +49,8 @@ def test_a_map_run_keeps_its_map(made):
 
 
 @pytest.mark.parametrize("which", ["radon", "pca"])
-def test_the_map_brings_its_descriptor_and_what_it_learnt(omnilab_in, here, made, which):
-    result = omnilab_in(here, *ASK, f"map={made[which]}")
+def test_the_map_brings_its_descriptor_and_what_it_learnt(omnilab_at, here, made, which):
+    result = omnilab_at(here, *ASK, f"map={made[which]}")
     assert result.rc == 0, result.stderr
     folder = here / "logs" / "latest"
     metrics = load_run(folder).metrics
@@ -60,58 +60,58 @@ def test_the_map_brings_its_descriptor_and_what_it_learnt(omnilab_in, here, made
     assert manifest["files"]["map"]
 
 
-def test_it_answers_as_the_grid_study_does(omnilab_in, here, made):
+def test_it_answers_as_the_grid_study_does(omnilab_at, here, made):
     """The same places and the same queries, described in one run or in two."""
     folder = here / "logs" / "latest"
     grid = ["experiment=quickstart", "study.step_m=0.5", "study.query_count=20", "study.show=2", *SENSOR, *RADON]
-    assert omnilab_in(here, *grid).rc == 0
+    assert omnilab_at(here, *grid).rc == 0
     expected = load_run(folder).metrics
-    assert omnilab_in(here, *ASK, f"map={made['radon']}").rc == 0
+    assert omnilab_at(here, *ASK, f"map={made['radon']}").rc == 0
     found = load_run(folder).metrics
     shared = {"nearest_rate", "position_error_mean", "heading_error_mean", "recall_at_5", "average_precision"}
     assert {name: found[name] for name in shared} == {name: expected[name] for name in shared}
 
 
-def test_repeat_localises_in_the_same_map(omnilab_in, here, made):
-    assert omnilab_in(here, *ASK, f"map={made['radon']}").rc == 0
+def test_repeat_localises_in_the_same_map(omnilab_at, here, made):
+    assert omnilab_at(here, *ASK, f"map={made['radon']}").rc == 0
     folder = (here / "logs" / "latest").resolve()
-    result = omnilab_in(here, "repeat", str(folder))
+    result = omnilab_at(here, "repeat", str(folder))
     assert result.rc == 0, result.stderr
     assert (here / "logs" / "latest").resolve() != folder
     assert load_run(here / "logs" / "latest").metrics == load_run(folder).metrics
 
 
-def test_another_distance_may_be_chosen_and_another_descriptor_not(omnilab_in, here, made):
-    assert omnilab_in(here, *ASK, f"map={made['radon']}", "distance=poc").rc == 0
+def test_another_distance_may_be_chosen_and_another_descriptor_not(omnilab_at, here, made):
+    assert omnilab_at(here, *ASK, f"map={made['radon']}", "distance=poc").rc == 0
     for other in (["descriptor=gist"], ["descriptor=radon"]):  # the second with other sizes
-        result = omnilab_in(here, *ASK, f"map={made['radon']}", *other)
+        result = omnilab_at(here, *ASK, f"map={made['radon']}", *other)
         assert result.rc == 2
         assert "was described by radon (offsets=48, angles=60, color=False)" in result.stderr
 
 
-def test_without_a_map_it_says_how_to_make_one(omnilab_in, here):
-    result = omnilab_in(here, *ASK)
+def test_without_a_map_it_says_how_to_make_one(omnilab_at, here):
+    result = omnilab_at(here, *ASK)
     assert result.rc == 2
     assert "needs a map" in result.stderr
     assert "experiment=map" in result.stderr
 
 
-def test_a_map_by_a_component_that_is_not_installed(omnilab_in, here, made, tmp_path):
+def test_a_map_by_a_component_that_is_not_installed(omnilab_at, here, made, tmp_path):
     with np.load(made["radon"] / "map.npz") as archive:
         arrays = dict(archive)
     about = json.loads(arrays["about"].item())
     about["components"]["descriptor"] |= {"name": "theirs", "distribution": "theirs-9"}
     np.savez(tmp_path / "theirs.npz", **arrays | {"about": np.array(json.dumps(about))})
-    result = omnilab_in(here, *ASK, f"map={tmp_path / 'theirs.npz'}")
+    result = omnilab_at(here, *ASK, f"map={tmp_path / 'theirs.npz'}")
     assert result.rc == 2
     assert "descriptor 'theirs' does not exist" in result.stderr
     assert "theirs-9" in result.stderr
 
 
-def test_recorded_queries_without_positions_are_answered(omnilab_in, here, made, tmp_path):
+def test_recorded_queries_without_positions_are_answered(omnilab_at, here, made, tmp_path):
     data = tmp_path / "set"
     render = ["experiment=render", "study.layout=random", "study.count=6", f"study.folder={data}"]
-    assert omnilab_in(here, *render, *SENSOR).rc == 0
+    assert omnilab_at(here, *render, *SENSOR).rc == 0
     ask = [
         "experiment=localize",
         "sensor=folder",
@@ -119,10 +119,10 @@ def test_recorded_queries_without_positions_are_answered(omnilab_in, here, made,
         "study.queries=recorded",
         f"map={made['radon']}",
     ]
-    assert omnilab_in(here, *ask).rc == 0
+    assert omnilab_at(here, *ask).rc == 0
     truth = {row["key"]: row for row in load_run(here / "logs/latest").table("queries")}
     (data / "positions.csv").rename(tmp_path / "kept.csv")
-    result = omnilab_in(here, *ask)
+    result = omnilab_at(here, *ask)
     assert result.rc == 0, result.stderr
     answers = load_run(here / "logs/latest").table("answers")
     assert len(answers) == len(truth) == 6

@@ -11,7 +11,7 @@ import pytest
 
 from omnilab.runner.run_folder import load_run
 
-pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
+pytestmark = pytest.mark.slow  # whole runs
 
 WORLD = Path(__file__).parents[1] / "box_world.yaml"
 SENSOR = [f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1"]
@@ -39,7 +39,7 @@ def check_maps(folder, places):
     return rows
 
 
-def test_with_and_without_occlusion(omnilab_in, here):
+def test_with_and_without_occlusion(omnilab_at, here):
     arguments = [
         "-m",
         "experiment=room",
@@ -47,7 +47,7 @@ def test_with_and_without_occlusion(omnilab_in, here):
         "study.steps_m=[0.25]",
         "disturbances.occlusion.fraction=0,0.3",
     ]
-    result = omnilab_in(here, *arguments, *SMALL, *SIZES, *RADON, *SENSOR)
+    result = omnilab_at(here, *arguments, *SMALL, *SIZES, *RADON, *SENSOR)
     assert result.rc == 0, result.stderr
     (sweep,) = (here / "logs" / "room").iterdir()
     clear, occluded = (check_maps(sweep / job, 16) for job in ("0", "1"))
@@ -55,13 +55,13 @@ def test_with_and_without_occlusion(omnilab_in, here):
 
 
 @pytest.fixture(scope="module")
-def recorded(omnilab_in, here):
+def recorded(omnilab_at, here):
     """Places and tests in two folders, hand-made: the places named by column and row, the tests by position."""
     for name, arguments in {
         "places": ["study.step_m=0.3", "study.extent_m=[0.9, 0.9]"],
         "tests": ["study.layout=random", "study.count=6", "study.extent_m=[0.9, 0.9]"],
     }.items():
-        assert omnilab_in(here, "experiment=render", f"study.folder={here / name}", *arguments, *SENSOR).rc == 0
+        assert omnilab_at(here, "experiment=render", f"study.folder={here / name}", *arguments, *SENSOR).rc == 0
     rows = list(csv.DictReader((here / "places/positions.csv").read_text().splitlines()))
     x, y = (np.array([float(row[axis]) for row in rows]) for axis in ("x_m", "y_m"))
     column, line = (np.rint((a - a.min()) / 0.3).astype(int) for a in (x, y))
@@ -71,7 +71,7 @@ def recorded(omnilab_in, here):
     return len(rows)
 
 
-def test_on_a_folder_in_the_format_of_bielefeld(omnilab_in, here, recorded):
+def test_on_a_folder_in_the_format_of_bielefeld(omnilab_at, here, recorded):
     """The queries are the images beside every second row and column."""
     arguments = [
         "experiment=recorded_room",
@@ -79,15 +79,15 @@ def test_on_a_folder_in_the_format_of_bielefeld(omnilab_in, here, recorded):
         "sensor.names=bielefeld",
         "study.every=2",
     ]
-    result = omnilab_in(here, *arguments, "study.neighbours=[4]", *SMALL, *SIZES, *RADON)
+    result = omnilab_at(here, *arguments, "study.neighbours=[4]", *SMALL, *SIZES, *RADON)
     assert result.rc == 0, result.stderr
     rows = check_maps((here / "logs" / "latest").resolve(), 4)
     assert {row["step_m"] for row in rows} == {"0.6"}
 
 
-def test_with_queries_of_another_folder(omnilab_in, here, recorded):
+def test_with_queries_of_another_folder(omnilab_at, here, recorded):
     arguments = ["experiment=recorded_room", f"sensor.path={here / 'places'}", f"+study.tests.path={here / 'tests'}"]
-    result = omnilab_in(here, *arguments, *SMALL, *SIZES, *RADON)
+    result = omnilab_at(here, *arguments, *SMALL, *SIZES, *RADON)
     assert result.rc == 0, result.stderr
     check_maps((here / "logs" / "latest").resolve(), recorded)
 
@@ -102,7 +102,7 @@ def test_with_queries_of_another_folder(omnilab_in, here, recorded):
         (["study.neighbours=[99]"], "give fewer neighbours"),
     ],
 )
-def test_what_makes_no_room(omnilab_in, here, recorded, arguments, told):
-    result = omnilab_in(here, "experiment=recorded_room", f"sensor.path={here / 'places'}", *SMALL, *arguments)
+def test_what_makes_no_room(omnilab_at, here, recorded, arguments, told):
+    result = omnilab_at(here, "experiment=recorded_room", f"sensor.path={here / 'places'}", *SMALL, *arguments)
     assert result.rc == 2
     assert told in result.stderr

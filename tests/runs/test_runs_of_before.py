@@ -36,8 +36,15 @@ WRONG_BEFORE = {  # what degenerate data had won: SURF finds nothing in pictures
         "average_precision": 0.0,
     },
 }
+THEN = {  # defaults that settings have had since, which these runs do not name: with those of then they are the same
+    "trajectory": ("  candidates: 3\n", "  offsets: 173\n  angles: 180\n  candidates: 3\n"),
+}
+SEAM = {
+    "grid_interpolated": 0.1
+}  # relative: panoramas of spheres, here of 64 columns, had a seam where their ends meet
 LAST_BITS = (
-    2e-3  # relative: another processor sums float32 in another order, which gist and PCA carry on (1.6e-4 were seen)
+    2e-3  # relative: another processor sums float32 in another order, which gist and PCA carry on (1.6e-4 were seen);
+    # gtsam_isam2 and view_graph solve by Cholesky where they did by QR: 1e-7 in view_count and view_range
 )
 
 
@@ -120,6 +127,9 @@ def test_a_run_is_built_again_as_it_was(name, here, registry):
 # --------------------------------------------------------------------------------------------------------- repeating
 @pytest.mark.parametrize("name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in NAMES])
 def test_a_run_is_repeated(name, here, omnilab_here):
+    if name in THEN:
+        config = here / name / "config.yaml"
+        config.write_text(config.read_text().replace(*THEN[name]))
     done = omnilab_here("repeat", name, "--trust")  # their manifests have no digests of folders
     assert done.rc in (0, 1), done.stderr
     first, second = load_run(here / name), load_run(here / "logs/latest")
@@ -127,7 +137,7 @@ def test_a_run_is_repeated(name, here, omnilab_here):
     assert {name: second.units[name] for name in first.units} == first.units
     common = {name: second.metrics[name] for name in first.metrics}
     expected = first.metrics | WRONG_BEFORE.get(name, {})
-    assert common == pytest.approx(expected, rel=LAST_BITS, abs=1e-6, nan_ok=True)
+    assert common == pytest.approx(expected, rel=SEAM.get(name, LAST_BITS), abs=1e-6, nan_ok=True)
     assert (done.rc == 0) == (repr(common) == repr(first.metrics))
     assert (here / "logs/latest/config.yaml").is_file()
 

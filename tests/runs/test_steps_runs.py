@@ -8,7 +8,7 @@ import pytest
 
 from omnilab.runner.run_folder import load_run
 
-pytestmark = pytest.mark.slow  # whole runs, each in a process of its own
+pytestmark = pytest.mark.slow  # whole runs
 
 WORLD = Path(__file__).parents[1] / "box_world.yaml"
 SENSOR = [f"sensor.world={WORLD}", "sensor.size=96", "sensor.samples=1"]
@@ -26,9 +26,9 @@ SMALL = [
 
 
 @pytest.fixture(scope="module")
-def run(omnilab_in, tmp_path_factory):
+def run(omnilab_at, tmp_path_factory):
     here = tmp_path_factory.mktemp("steps")
-    result = omnilab_in(here, *SMALL)
+    result = omnilab_at(here, *SMALL)
     assert result.rc == 0, result.stderr
     return (here / "logs" / "latest").resolve()
 

@@ -69,7 +69,7 @@ def test_a_run_leaves_these_files(folder):
     assert {file.name for file in folder.iterdir()} == {
         "config.yaml", "manifest.json", "status.json", "metrics.csv", "cost.csv", "queries.csv", "run.log", "run.lock",
         "progress.json",
-        "run.rrd", "run.mcap", "success.png", "distance_surface.png", "error_map.png", "worst.png",
+        "run.rrd", "run.mcap", "foxglove_layout.json", "success.png", "distance_surface.png", "error_map.png", "worst.png",
         "recall.png",
     }  # fmt: skip
 
@@ -277,6 +277,13 @@ def test_both_logs_say_which_run_it_is_and_how_it_ended(folder, metrics):
     assert {name: found[name] for name in metrics} == {name: [value] for name, value in metrics.items()}
     assert (found["status"], found["seed"], found["experiment"]) == (["done"], [5], ["quickstart"])
     assert found["overrides"] == manifest["overrides"]
+
+
+def test_the_logs_begin_and_end_with_a_header(folder):
+    with (folder / "run.mcap").open("rb") as stream:
+        first, last = (message.data for _, _, message in make_reader(stream).iter_messages(topics=["/header"]))
+    assert b"### quickstart: running" in first
+    assert b"### quickstart: done" in last
 
 
 def test_an_error_lies_at_its_image_in_both_logs(folder):

@@ -8,24 +8,25 @@ import shutil
 import numpy as np
 import pytest
 
-import omnilab.runner.signature_cache as cache_module
-from omnilab.api import Signatures
-from omnilab.runner.signature_cache import SignatureCache
-from omnilab.runner.signature_store import SignatureStore, keys_of, own_files
+import omnilab.runner.cache.disk_cache as cache_module
+from omnilab.runner.cache import DiskCache
+from omnilab.runner.cache.kept_methods import KeptDescriptions
+from omnilab.runner.cache.row_store import RowStore, own_files
 from omnilab_appearance import TinyImage
 
 RNG = np.random.default_rng(0)
 IMAGES = RNG.integers(0, 256, (6, 16, 32), np.uint8)
-MADE = Signatures(RNG.random((6, 8, 16), np.float32), RNG.random((6, 3, 4), np.float32))
-KEYS = keys_of(IMAGES)
+PLACE, HEADING = RNG.random((6, 8, 16), np.float32), RNG.random((6, 3, 4), np.float32)
+MADE = {"place": PLACE, "heading": HEADING}
+KEYS = KeptDescriptions().keys(None, IMAGES)
 
 
-class Store(SignatureStore):
+class Store(RowStore):
     """One that remembers what was damaged."""
 
     def __init__(self, folder, about="a descriptor"):
         self.errors = []
-        super().__init__(folder, about, lambda file, error: self.errors.append(str(error)))
+        super().__init__(folder, about, KeptDescriptions.parts, lambda file, error: self.errors.append(str(error)))
 
     @property
     def file(self):
@@ -44,8 +45,8 @@ def loaded(store):
     """What is found, by image: as it was stored, or not at all."""
     room, known = store.load(KEYS)
     for row in known:
-        assert room.place[row].tobytes() == MADE.place[row].tobytes()
-        assert room.heading[row].tobytes() == MADE.heading[row].tobytes()
+        assert room["place"][row].tobytes() == PLACE[row].tobytes()
+        assert room["heading"][row].tobytes() == HEADING[row].tobytes()
     return known
 
 
@@ -66,7 +67,7 @@ def test_a_flipped_bit_is_found(tmp_path, share):
 def test_flipped_bits_of_numbers_are_said(tmp_path):
     file = stored(tmp_path).file
     data = bytearray(file.read_bytes())
-    at = data.find(MADE.place.tobytes()[:16])
+    at = data.find(PLACE.tobytes()[:16])
     data[at] ^= 1
     file.write_bytes(data)
     store = Store(tmp_path)
@@ -82,7 +83,7 @@ def test_a_file_of_another_descriptor_is_not_taken(tmp_path):
     (other.folder / "about.txt").write_text("other")
     shutil.copy(one.file, other.folder / one.file.name)
     assert loaded(other) == []
-    assert other.errors == ["it is of other images or of another descriptor"]
+    assert other.errors == ["it is of other images or of another component"]
     assert not (other.folder / one.file.name).exists()
 
 
@@ -91,16 +92,16 @@ def test_a_file_under_the_name_of_other_images_is_not_taken(tmp_path):
     store.file.rename(store.folder / f"{'0' * 32}.npz")
     again = Store(tmp_path)
     assert loaded(again) == []
-    assert again.errors == ["it is of other images or of another descriptor"]
+    assert again.errors == ["it is of other images or of another component"]
 
 
 @pytest.mark.parametrize(
     "changed",
     [
-        {"place": MADE.place[:3], "heading": MADE.heading[:3]},
-        {"place": MADE.place.astype(np.float64)},
-        {"place": np.full_like(MADE.place, np.nan)},
-        {"heading": MADE.heading[:2]},
+        {"place": PLACE[:3], "heading": HEADING[:3]},
+        {"place": PLACE.astype(np.float64)},
+        {"place": np.full_like(PLACE, np.nan)},
+        {"heading": HEADING[:2]},
         {"place": np.ones(6, np.float32)},
         {"place": np.float32(1)},
         {"keys": np.zeros((6, 16), np.uint8)},
@@ -172,13 +173,13 @@ def read_only(monkeypatch):
 
 
 def test_a_cache_that_can_only_be_read_is_used_and_said_once(tmp_path, read_only, caplog):
-    descriptor = SignatureCache(tmp_path, 10**9, 1).wrap(TinyImage())
+    descriptor = DiskCache(tmp_path, 10**9, 1).wrap(TinyImage())
     first = descriptor.describe(IMAGES[:4])
     read_only()
     caplog.clear()
-    cache = SignatureCache(tmp_path, 10**9, 1)
+    cache = DiskCache(tmp_path, 10**9, 1)
     found = cache.wrap(TinyImage()).describe(IMAGES)
-    assert (cache.found, cache.made) == (4, 2)
+    assert (cache.found["describe"], cache.made["describe"]) == (4, 2)
     assert found.place[:4].tobytes() == first.place.tobytes()
     cache.wrap(TinyImage()).describe(IMAGES)
     warnings = [r.getMessage() for r in caplog.records if r.levelname == "WARNING"]
@@ -200,7 +201,7 @@ def test_a_damaged_file_of_another_user_is_said_once(tmp_path, read_only):
 def test_two_runs_make_room_at_once(tmp_path, monkeypatch):
     """Each file that one of them is about to throw away is gone by then."""
     for number in range(5):
-        SignatureCache(tmp_path, 10**9, 1).wrap(TinyImage()).describe(IMAGES + np.uint8(number))
+        DiskCache(tmp_path, 10**9, 1).wrap(TinyImage()).describe(IMAGES + np.uint8(number))
     true = cache_module._files
 
     def then_gone(folder):
@@ -210,5 +211,5 @@ def test_two_runs_make_room_at_once(tmp_path, monkeypatch):
         return found
 
     monkeypatch.setattr(cache_module, "_files", then_gone)
-    SignatureCache(tmp_path, 1, 1).wrap(TinyImage()).describe(IMAGES + np.uint8(9))
+    DiskCache(tmp_path, 1, 1).wrap(TinyImage()).describe(IMAGES + np.uint8(9))
     assert not list(tmp_path.rglob("*.npz"))

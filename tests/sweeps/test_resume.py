@@ -98,20 +98,16 @@ def test_two_processes_do_not_resume_the_same_sweep(work, resumed):
     assert "s is still running (process" in result.stderr
 
 
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
+def test_what_cannot_be_resumed_is_said(work, omnilab_here):
+    work("study.value=1")
+    for words, says in (
         (["resume=nowhere"], "there is no sweep that could go on"),
         (["retry_failed=on"], "give resume=SWEEP with it"),
         (["resume=s", "retry_failed=maybe"], "neither on nor off"),
         (["resume=s", "hydra.sweep.dir=t"], "both name the sweep's folder"),
-    ],
-)
-def test_what_cannot_be_resumed_is_said(work, omnilab_here, words, says):
-    work("study.value=1")
-    result = omnilab_here(*WORDS, *words)
-    assert result.rc == 2
-    assert says in result.stderr
+    ):
+        result = omnilab_here(*WORDS, *words)
+        assert (result.rc, says in result.stderr) == (2, True), result.stderr
 
 
 def test_a_strangers_plan_inserts_and_executes_nothing(work, resumed, monkeypatch):
@@ -131,13 +127,12 @@ def test_a_strangers_plan_inserts_and_executes_nothing(work, resumed, monkeypatc
         assert "abc" not in result.stderr
 
 
-@pytest.mark.parametrize("text", ["", "[]", "format: 99", "a: *b", "command: 3\nformat: 1", "x" * 100 + ": {"])
-def test_a_damaged_plan_is_said(work, resumed, text):
+def test_a_damaged_plan_is_said(work, resumed):
     work("study.value=1")
-    Path("s/sweep.yaml").write_text(text)
-    result = resumed()
-    assert result.rc == 2
-    assert "sweep.yaml" in result.stderr
+    for text in "", "[]", "format: 99", "a: *b", "command: 3\nformat: 1", "x" * 100 + ": {":
+        Path("s/sweep.yaml").write_text(text)
+        result = resumed()
+        assert (result.rc, "sweep.yaml" in result.stderr) == (2, True), text
     assert "Traceback" not in result.stderr
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from omnilab.cameras.base import CylindricalCamera, EquirectangularCamera, RayCamera
 from omnilab.cameras.brown_conrady import BrownConradyCamera
+from omnilab.cameras.dual_fisheye import DualFisheyeCamera
 from omnilab.cameras.kannala_brandt import KannalaBrandtCamera
 from omnilab.cameras.lenses import FisheyeCamera, PinholeCamera, UnifiedCamera
 from omnilab.cameras.mirrors import HyperbolicMirror, ParabolicMirror
@@ -25,6 +26,7 @@ MODELS: dict[str, type[Any]] = {
         BrownConradyCamera,
         ConicalMirror,
         CylindricalCamera,
+        DualFisheyeCamera,
         EllipticMirror,
         EquirectangularCamera,
         FisheyeCamera,

@@ -22,6 +22,7 @@ from omnilab.errors import OmnilabError, PluginError
 from omnilab.runner.boundaries.images import Memory, Prepared, all_frames, in_order
 from omnilab.runner.boundaries.passing import holds_arrays, read_only, unshared
 from omnilab.runner.boundaries.returns import BEGUN, CHECKS, PROTOCOLS, Check
+from omnilab.runner.boundaries.spot_checks import SpotCheck
 from omnilab.runner.boundaries.values import ITEMS, Wrong, named
 
 HANDED_BACK: dict[str, set[int | str]] = {  # arguments that a component made itself: by number, or by name
@@ -42,12 +43,16 @@ class _Inside(threading.local):
 _inside = _Inside()
 
 
-def guard(component: Any, kind: str, title: str) -> Any:
+def guard(component: Any, kind: str, title: str, spot_check: SpotCheck | None = None) -> Any:
     """A component like the given one, of a class derived from its own, whose methods check what they return.
 
-    `kind` is one of `KINDS`, or of `returns.BEGUN`; `title` names component and plugin in sentences.
+    `kind` is one of `KINDS`, or of `returns.BEGUN`; `title` names component and plugin in sentences. A `spot_check` is
+    shown the first images that a descriptor is given.
     """
-    return _in_place(copy.copy(component), kind, title)
+    guarded = _in_place(copy.copy(component), kind, title)
+    if spot_check is not None:
+        _memory(guarded)["spot_check"] = spot_check
+    return guarded
 
 
 def _in_place(made: Any, kind: str, title: str) -> Any:
@@ -132,11 +137,24 @@ class _Boundary:
                     check.check(found, *values, **more)
                     if check.beside is not None:
                         check.beside(_memory(own), found, *values, **more)
+                self._spot_check(_memory(own).get("spot_check"), name, found, values)
             if name in OPAQUE and passes:
                 return _in_place(found, "descriptor", self.title)
             return found
 
         return method
+
+    def _spot_check(self, spot_check: SpotCheck | None, name: str, found: Any, values: Sequence[Any]) -> None:
+        """Show a spot check what was described; what was trained gets one of its own."""
+        if spot_check is None:
+            return
+        if name == "describe":
+            spot_check(found, *values)
+        elif name in OPAQUE:
+            plain = copy.copy(found)
+            _memory(_in_place(found, "descriptor", self.title))["spot_check"] = SpotCheck(
+                plain, self.title, spot_check.name
+            )
 
     def frames(self, plain: Callable[..., Any], name: str, check: Check) -> Callable[..., Any]:
         """The method of sensors: every batch is checked, and that all planned frames came."""
@@ -157,8 +175,9 @@ class _Boundary:
                     last = in_order(batch, last)
                 delivered, left_out = delivered + len(batch), left_out + len(batch.omitted)
                 yield batch
-            with self._sentences(name, check.item):
-                all_frames(delivered, left_out, plan)
+            if not getattr(own, "live", False):
+                with self._sentences(name, check.item):
+                    all_frames(delivered, left_out, plan)
 
         return frames
 

@@ -20,6 +20,7 @@ from omnilab.runner.boundaries.values import (
     sentences,
     typed,
     unit,
+    whole,
     within,
 )
 
@@ -154,6 +155,7 @@ def plan(found: Any, *_: Any) -> None:
     sentences(found.omitted, "`omitted`")
     if found.T_world_camera is not None:
         poses(found.T_world_camera, "`T_world_camera`", len(found.keys))
+    whole(found.first, "`first`")
 
 
 def frames(found: Any, planned: api.Plan) -> None:
@@ -219,3 +221,5 @@ def mesh(found: Any) -> None:
     array(found.colors, "`colors`", (len(found.vertices_m), 3), "uint8")
     triangles = array(found.triangles, "`triangles`", (None, 3), "whole")
     within(triangles, "`triangles`", len(found.vertices_m), "the vertices")
+    if not isinstance(found.one_sided, bool):
+        raise Wrong(f"`one_sided` as {named(found.one_sided)}, not as bool")

@@ -64,6 +64,12 @@ class Claim:
         measurements = filter(None, (self.protocol, self.variant))
         return list(dict.fromkeys(name for each in measurements for name in each.runs))
 
+    @property
+    def is_time(self) -> bool:
+        """Whether it is about times, which other work on the machine changes."""
+        measurements = filter(None, (self.protocol, self.variant))
+        return any(quantity.is_time for each in measurements for quantity in each.quantities.values())
+
 
 @dataclass(frozen=True)
 class ClaimChapter:
@@ -101,6 +107,15 @@ class ClaimSet:
                 f" 'altitude*', or a chapter: {names}"
             )
         return ClaimSet(tuple(chapters), self.runs)
+
+    def quantities(self) -> dict[str, list[Quantity]]:
+        """What all claims need of each run, by its name."""
+        found: dict[str, dict[str, Quantity]] = {}
+        for claim in self.claims:
+            for measurement in filter(None, (claim.protocol, claim.variant)):
+                for quantity in measurement.quantities.values():
+                    found.setdefault(quantity.term.run, {})[quantity.text] = quantity
+        return {name: list(quantities.values()) for name, quantities in found.items()}
 
     def needed(self) -> list[ClaimRun]:
         """The runs that these claims need, cheapest first."""

@@ -6,24 +6,33 @@ import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from omnilab.errors import DataError
-from omnilab.runner.compare.gathering import ComparedRun, LeftOut
+from omnilab.runner.compare.gathering import LeftOut
 from omnilab.runner.fidelity.claims import Claim, ClaimChapter, ClaimSet, Measurement
+from omnilab.runner.fidelity.measured import MeasuredRun
 from omnilab.runner.fidelity.quantities import Quantity
-from omnilab.runner.fidelity.verdicts import NOT_MEASURED, VERDICTS, SeedEstimate, SeedEstimates, estimate, verdict
-from omnilab.runner.run_folder import load_run
+from omnilab.runner.fidelity.verdicts import (
+    NOT_MEASURED,
+    VERDICTS,
+    SeedEstimate,
+    SeedEstimates,
+    estimate,
+    is_open,
+    verdict,
+)
 
-Found = Mapping[str, Sequence[ComparedRun]]  # by the name of the `ClaimRun`, one a seed
+Found = Mapping[str, Sequence[MeasuredRun]]  # by the name of the `ClaimRun`, one a seed
 NOTHING = "–"
 TITLE = "# What the publications claim, and what is measured"
 INTRODUCTION = """\
-Made by `omnilab fidelity report` from run folders; nothing in it is typed by hand. The claims, with the recipes and
-metrics that test them, are in [conf/claims](../conf/claims). *Its protocol* is as the publication measured, *variant* a better
+Made by `omnilab fidelity report` from run folders, and from what was kept of those that are gone (`--keep`); nothing in it is
+typed by hand. The claims, with the recipes and metrics that test them, are in [conf/claims](../conf/claims). *Its protocol* is as the publication measured, *variant* a better
 method or a harder protocol, by the same expectation. An interval is of 95 %: Student's over seeds; with one run the study's
-own over its queries, where it has one. The verdict is about the values, not their intervals. Times are those of the
-machine that made a run, whatever else it did."""
+own over its queries, where it has one. The verdict is about the values; with ~ it could be another within their intervals."""
+TIMES = """\
+† About times, which are those of the machine that made a run, whatever else it did beside: a quotient or an order of
+times that lie close together says little."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +43,7 @@ class ClaimResult:
     protocol: SeedEstimates
     variant: SeedEstimates
     verdict: str
+    is_open: bool = False  # it could be another within the intervals
     problems: tuple[str, ...] = ()
 
 
@@ -44,7 +54,8 @@ def results(claims: ClaimSet, found: Found) -> dict[str, list[ClaimResult]]:
 
 def _result(claim: Claim, found: Found) -> ClaimResult:
     (protocol, why), (variant, more) = (_estimates(each, found) for each in (claim.protocol, claim.variant))
-    return ClaimResult(claim, protocol, variant, verdict(claim.expect, protocol, variant), (*why, *more))
+    values = claim.expect, protocol, variant
+    return ClaimResult(claim, protocol, variant, verdict(*values), is_open(*values), (*why, *more))
 
 
 def _estimates(measurement: Measurement | None, found: Found) -> tuple[SeedEstimates, list[str]]:
@@ -55,15 +66,10 @@ def _estimates(measurement: Measurement | None, found: Found) -> tuple[SeedEstim
         if not runs:
             return None, []
         try:
-            estimates[name] = _estimate(quantity, runs)
+            estimates[name] = estimate([run.value(quantity.text) for run in runs])
         except (DataError, ValueError) as error:
             return None, [str(error)]
     return estimates or None, []
-
-
-def _estimate(quantity: Quantity, runs: Sequence[ComparedRun]) -> SeedEstimate:
-    own = quantity.interval(runs[0]) if len(runs) == 1 else None
-    return estimate(quantity.values(runs), own, quantity.unit(runs[0]))
 
 
 def document(claims: ClaimSet, found: Found, left_out: Sequence[LeftOut], notes: Sequence[str]) -> str:
@@ -91,8 +97,10 @@ def _chapter(chapter: ClaimChapter, results: Sequence[ClaimResult]) -> list[str]
     """A row a claim; below, the reasons and the notes."""
     header = ["claim", "reported", "holds if", "its protocol", "variant", "verdict", "runs"]
     rows = [_row(result) for result in results]
+    times = ["", TIMES] if any(result.claim.is_time for result in results) else []
     notes = [f"- `{r.claim.id}`: {note}" for r in results for note in _notes(r)]
-    return [f"## {chapter.title}", "", chapter.source, "", *_table(header, rows), *([""] if notes else []), *notes]
+    lines = [f"## {chapter.title}", "", chapter.source, "", *_table(header, rows), *times]
+    return [*lines, *([""] if notes else []), *notes]
 
 
 def _row(result: ClaimResult) -> list[str]:
@@ -103,7 +111,7 @@ def _row(result: ClaimResult) -> list[str]:
         claim.expect.words if claim.expect else NOTHING,
         _cell(result.protocol, claim.protocol),
         _cell(result.variant, claim.variant),
-        f"**{result.verdict}**",
+        f"**{result.verdict}**{' ~' if result.is_open else ''}{' †' if claim.is_time else ''}",
         ", ".join(claim.runs) or NOTHING,
     ]
 
@@ -132,29 +140,23 @@ def _notes(result: ClaimResult) -> list[str]:
 
 
 def _runs(claims: ClaimSet, found: Found, left_out: Sequence[LeftOut], notes: Sequence[str]) -> list[str]:
-    """Which run folders the numbers are of, and what is missing."""
+    """Which runs the numbers are of, and what is missing."""
     rows = []
     for needed in claims.needed():
         runs = found.get(needed.name, ())
         command = shlex.join(["omnilab", *needed.words])
-        folders = ", ".join(f"`{run.folder.parent.name}/{run.folder.name}`" for run in runs)
-        seeds = ", ".join(run.seed for run in runs)
-        versions = ", ".join(dict.fromkeys(_version(run.folder) for run in runs))
-        rows.append([needed.name, f"`{command}`", *(text or NOTHING for text in (seeds, folders, versions))])
-    lines = ["## Runs", "", *_table(["run", "command", "seeds", "folders", "omnilab"], rows)]
+        columns = (
+            [run.seed for run in runs],
+            [f"`{run.folder}`{' (kept)' if run.kept else ''}" for run in runs],
+            dict.fromkeys(run.made_by for run in runs),
+            dict.fromkeys(run.ended[: len("2000-01-01")] for run in runs),
+            [f"{run.run_s / 60:.1f}" for run in runs if run.run_s is not None],
+        )
+        rows.append([needed.name, f"`{command}`", *(", ".join(column) or NOTHING for column in columns)])
+    lines = ["## Runs", "", *_table(["run", "command", "seeds", "folders", "omnilab", "ended", "minutes"], rows)]
     lines += ["", *(f"- {note}" for note in notes)] if notes else []
     unread = [f"- not used: {run.name} ({' '.join(filter(None, [run.state, run.why]))})" for run in left_out]
     return [*lines, *([""] if unread else []), *unread]
-
-
-def _version(folder: Path) -> str:
-    """Version and commit of the omnilab that made a run."""
-    manifest = load_run(folder).manifest
-    components = manifest.get("components", {})
-    version = components.get("study", {}).get("version", "")
-    commit = str(manifest.get("commit") or "")
-    changed = "+changes" if commit.endswith("+changes") else ""
-    return " ".join(filter(None, [str(version), f"`{commit[:7]}{changed}`" if commit else ""]))
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:

@@ -7,47 +7,57 @@ from dataclasses import MISSING, dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from omnilab.errors import OmnilabError
-from omnilab.runner.compare.configurations import BESIDE, Configuration, SectionReader, Settings
+from omnilab.errors import DataError, OmnilabError
+from omnilab.runner.compare.configurations import Configuration, SectionReader
 from omnilab.runner.compare.gathering import ComparedRun, LeftOut, gather
 from omnilab.runner.config import Run, components_of, named_components, resolved_yaml
 from omnilab.runner.fidelity.claims import ClaimRun
+from omnilab.runner.fidelity.measured import MeasuredRun, MeasuredValue, RunSettings
+from omnilab.runner.fidelity.quantities import Quantity
 from omnilab.runner.overrides.composition import check_build, compose_job
 from omnilab.runner.registry import Registry
+from omnilab.runner.run_folder import load_run
+
+FoundRuns = dict[str, list[MeasuredRun]]  # by the name of the `ClaimRun`, one a seed, in the order of seeds
+KeptRuns = Mapping[str, Sequence[MeasuredRun]]  # the same of a file, which may be of other configurations
 
 
 @dataclass(frozen=True)
 class RunPattern:
-    """What a `ClaimRun` is composed of, but for the seed and what changes no result."""
+    """What a `ClaimRun` is composed of as of now."""
 
-    components: Mapping[str, str]  # registered names by slot
-    settings: Settings
+    wanted: RunSettings
     defaults: frozenset[str]  # settings of components that are at their defaults
 
     @classmethod
     def of(cls, run: Run, registry: Registry, reader: SectionReader) -> RunPattern:
-        names = {slot: named["name"] for slot, named in named_components(run, registry).items()}
-        settings = _counting(reader.read(resolved_yaml(run)))
+        sections = reader.read(resolved_yaml(run))
+        wanted = RunSettings.of(Configuration(sections, named_components(run, registry)))
         defaults = (path for slot, _, value in components_of(vars(run)) for path in _defaults(slot, value))
-        return cls(_beside_none(names), settings, frozenset(defaults))
+        return cls(wanted, frozenset(defaults))
 
-    def fits(self, configuration: Configuration) -> bool:
-        """Whether a run is of this configuration. Settings that components did not have yet are at their defaults."""
-        names = {slot: str(named.get("name")) for slot, named in configuration.components.items()}
-        settings = _counting(configuration.sections)
-        new = self.settings.keys() - settings.keys()
-        return (
-            _beside_none(names) == self.components
-            and new <= self.defaults
-            and settings == {path: value for path, value in self.settings.items() if path not in new}
-        )
+    def misfit(self, made: RunSettings) -> str:
+        """In what a run differs, the first of it; "" if in nothing. Settings that components did not have yet are at
+        their defaults."""
+        for now, then in ((self.wanted.components, made.components), (self.wanted.settings, made.settings)):
+            for path in dict.fromkeys((*then, *now)):
+                if path in then and now.get(path) == then[path]:
+                    continue
+                if path in then or path not in self.defaults:
+                    return f"{path} was {then.get(path, 'not there')}, and is {now.get(path, 'not there')} now"
+        return ""
 
 
 class RunMatcher:
-    """Finds the finished runs of each `ClaimRun`: its recipe, composed as of now, has exactly their settings."""
+    """Finds the finished runs of each `ClaimRun`: its recipe, composed as of now, has exactly their settings.
 
-    def __init__(self, wanted: Iterable[ClaimRun], registry: Registry) -> None:
-        reader = SectionReader()
+    Of each run it reads the `quantities` of its name.
+    """
+
+    def __init__(
+        self, wanted: Iterable[ClaimRun], quantities: Mapping[str, Sequence[Quantity]], registry: Registry
+    ) -> None:
+        reader, self._quantities = SectionReader(), quantities
         self.problems: dict[str, str] = {}  # by name, of runs whose recipe cannot be composed
         self._patterns: dict[str, RunPattern] = {}
         for run in wanted:
@@ -57,34 +67,55 @@ class RunMatcher:
             except OmnilabError as error:
                 self.problems[run.name] = str(error)
 
-    def found(self, folders: Iterable[Path]) -> tuple[dict[str, list[ComparedRun]], list[LeftOut], int]:
-        """Finished runs by the name of the `ClaimRun`, one a seed, in the order of seeds; runs that cannot be read or did
-        not end; and how many are of no claim. DataError if a folder holds no run."""
+    def found(self, folders: Iterable[Path], kept: KeptRuns) -> tuple[FoundRuns, list[LeftOut], int]:
+        """The newest finished run of each seed, by the name of the `ClaimRun`; runs that cannot be read, did not end, or
+        were kept of another configuration; and how many folders are of no claim. DataError if a folder holds no run."""
         runs, left_out = gather(folders)
-        found: dict[str, dict[str, ComparedRun]] = {}
+        fitting = {name: self._kept(name, kept.get(name, ()), left_out) for name in self._patterns}
         others = 0
-        for run in runs:  # oldest first: the newest of a seed counts
-            names = [name for name, pattern in self._patterns.items() if pattern.fits(run.configuration)]
+        for run in runs:
+            made = RunSettings.of(run.configuration)
+            names = [name for name, pattern in self._patterns.items() if not pattern.misfit(made)]
             others += not names
             for name in names:
-                found.setdefault(name, {})[run.seed] = run
-        return {name: _by_seed(by_seed) for name, by_seed in found.items()}, left_out, others
+                fitting[name].append(measured(run, made, self._quantities.get(name, ())))
+        return {name: _newest(found) for name, found in fitting.items() if found}, left_out, others
+
+    def _kept(self, name: str, kept: Iterable[MeasuredRun], left_out: list[LeftOut]) -> list[MeasuredRun]:
+        """Those of the configuration that the recipe has now; the others are said."""
+        misfits = [(run, self._patterns[name].misfit(run.configuration)) for run in kept]
+        left_out += [
+            LeftOut(f"{name}, seed {run.seed}", "kept", f"of {run.folder}: {why}") for run, why in misfits if why
+        ]
+        return [run for run, why in misfits if not why]
 
 
-def _by_seed(runs: Mapping[str, ComparedRun]) -> list[ComparedRun]:
-    return [runs[seed] for seed in sorted(runs, key=lambda seed: (len(seed), seed))]
+def measured(run: ComparedRun, made: RunSettings, quantities: Iterable[Quantity]) -> MeasuredRun:
+    """What claims need of a run folder."""
+    loaded, values, problems = load_run(run.folder), dict[str, MeasuredValue](), dict[str, str]()
+    for quantity in quantities:
+        try:
+            values[quantity.text] = quantity.measured(run)
+        except DataError as error:
+            problems[quantity.text] = str(error)
+    manifest, progress = loaded.manifest, loaded.progress
+    return MeasuredRun(
+        seed=run.seed,
+        configuration=made,
+        folder=f"{run.folder.parent.name}/{run.folder.name}",
+        version=str(manifest.get("components", {}).get("study", {}).get("version", "")),
+        commit=str(manifest.get("commit") or ""),
+        ended=str(loaded.status.get("time", "")),
+        run_s=progress.run_s if progress else None,
+        values=values,
+        problems=problems,
+    )
 
 
-def _counting(sections: Mapping[str, Settings]) -> Settings:
-    """The settings that results depend on, the seed apart."""
-    return {
-        path: value for name, settings in sections.items() if name not in BESIDE for path, value in settings.items()
-    }
-
-
-def _beside_none(names: Mapping[str, str]) -> dict[str, str]:
-    """Components without those that change no result."""
-    return {slot: name for slot, name in names.items() if slot.partition(".")[0] not in BESIDE}
+def _newest(runs: Iterable[MeasuredRun]) -> list[MeasuredRun]:
+    """One of each seed, in the order of seeds."""
+    by_seed = {run.seed: run for run in sorted(runs, key=lambda run: run.age)}
+    return [by_seed[seed] for seed in sorted(by_seed, key=lambda seed: (len(seed), seed))]
 
 
 def _defaults(path: str, component: Any) -> Iterator[str]:
@@ -96,7 +127,3 @@ def _defaults(path: str, component: Any) -> Iterator[str]:
             yield from _defaults(f"{path}.{each.name}", value)
         elif value == default:
             yield f"{path}.{each.name}"
-
-
-def seeds_of(runs: Sequence[ComparedRun]) -> set[str]:
-    return {run.seed for run in runs}

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 from omnilab.errors import ConfigError, DataError
 from omnilab.runner.compare.gathering import ComparedRun
+from omnilab.runner.fidelity.measured import MeasuredValue
 from omnilab.runner.run_folder import load_run
 
 CELL = re.compile(r"(?P<table>[\w-]+)\.csv(\[(?P<where>[^\]]+)\])?\.(?P<column>\w+)")
@@ -34,25 +35,28 @@ class MetricTerm:
     where: tuple[tuple[str, str], ...] = ()
     statistic: str = ""
 
-    def value(self, run: ComparedRun) -> float:
-        """In one run; NaN where it has no value. DataError if it was not measured."""
-        if not self.table:
-            if self.name not in run.metrics:
-                raise DataError(f"{run.folder} has no metric {self.name}; run it again")
-            return float(run.metrics[self.name])
-        values = [self._number(run, row, self.name) for row in self._rows(run)]
-        return STATISTICS[self.statistic](values) if self.statistic else values[0]
+    def measured(self, run: ComparedRun) -> MeasuredValue:
+        """In one run folder; NaN where it has no value. DataError if it was not measured."""
+        if self.table:
+            return self._of_table(run)
+        if self.name not in run.metrics:
+            raise DataError(f"{run.folder} has no metric {self.name}; run it again")
+        low, high = run.intervals.get(self.name, (None, None))
+        unit = run.units.get(self.name, "")
+        return MeasuredValue(float(run.metrics[self.name]), low, high, "" if unit == "1" else unit)
 
-    def interval(self, run: ComparedRun) -> tuple[float, float] | None:
-        """Of the metric; or of a cell by the columns COLUMN_low and COLUMN_high. None if there is none."""
-        if not self.table:
-            return run.intervals.get(self.name)
+    def _of_table(self, run: ComparedRun) -> MeasuredValue:
+        """Of a cell with the interval of the columns COLUMN_low and COLUMN_high, or of a statistic."""
+        rows = self._rows(run)
+        values = [self._number(run, row, self.name) for row in rows]
+        unit = self.name.rpartition("_")[2]
+        unit = unit if unit in UNITS else ""
+        if self.statistic:
+            return MeasuredValue(STATISTICS[self.statistic](values), unit=unit)
         low, high = f"{self.name}_low", f"{self.name}_high"
-        row = self._rows(run)[0]
-        if self.statistic or low not in row or high not in row:
-            return None
-        found = self._number(run, row, low), self._number(run, row, high)
-        return found if all(map(math.isfinite, found)) else None
+        if low not in rows[0] or high not in rows[0]:
+            return MeasuredValue(values[0], unit=unit)
+        return MeasuredValue(values[0], self._number(run, rows[0], low), self._number(run, rows[0], high), unit)
 
     def _rows(self, run: ComparedRun) -> list[dict[str, str]]:
         """The row of a cell, or those of a statistic; DataError if there are none, or too many."""
@@ -84,31 +88,29 @@ class Quantity:
     over: MetricTerm | None = None
 
     @property
+    def terms(self) -> list[MetricTerm]:
+        return [self.term, self.over] if self.over else [self.term]
+
+    @property
     def runs(self) -> list[str]:
         return [self.term.run]
 
     @property
     def metrics(self) -> list[str]:
         """The names of the metrics in it."""
-        return [term.name for term in (self.term, self.over) if term is not None and not term.table]
+        return [term.name for term in self.terms if not term.table]
 
-    def values(self, runs: Sequence[ComparedRun]) -> list[float]:
-        """In each run."""
+    @property
+    def is_time(self) -> bool:
+        """Of itself, or of what it is a quotient of."""
+        return all(term.name.endswith(("_ms", "_s")) for term in self.terms)
+
+    def measured(self, run: ComparedRun) -> MeasuredValue:
+        """In one run folder; DataError if it was not measured. A quotient has no unit, and no interval."""
+        value = self.term.measured(run)
         if self.over is None:
-            return [self.term.value(run) for run in runs]
-        return [_quotient(self.term.value(run), self.over.value(run)) for run in runs]
-
-    def interval(self, run: ComparedRun) -> tuple[float, float] | None:
-        """The run's own interval of 95 %; None if it has none."""
-        return None if self.over else self.term.interval(run)
-
-    def unit(self, run: ComparedRun) -> str:
-        """As metrics.csv has it, or the end of a column's name; none of a quotient."""
-        if self.over:
-            return ""
-        last = self.term.name.rpartition("_")[2]
-        unit = (last if last in UNITS else "") if self.term.table else run.units.get(self.term.name, "")
-        return "" if unit == "1" else unit
+            return value
+        return MeasuredValue(_quotient(value.value, self.over.measured(run).value))
 
 
 def parsed_quantity(text: str, run: str) -> Quantity:

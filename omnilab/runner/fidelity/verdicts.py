@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
+from omnilab.runner.fidelity.measured import MeasuredValue
+
 REACHED, BY_VARIANT = "reached", "reached by the variant"
 NOT_REACHED, OTHER_ORDER = "not reached", "other order"
 NOT_MEASURED, NOT_TESTED = "not measured", "cannot be tested"
@@ -81,6 +83,26 @@ class Expectation:
         low, high = self.limits
         return all(low <= value <= high for value in values)
 
+    def open(self, estimates: Sequence[SeedEstimate]) -> bool:
+        """Whether values within the intervals of estimates are as expected, and others are not."""
+        bounds = [(e.value if e.low is None else e.low, e.value if e.high is None else e.high) for e in estimates]
+        if self.order:
+            falling = bounds if self.order == FALLING else bounds[::-1]
+            return _can_fall(falling) and any(first[0] <= second[1] for first, second in pairwise(falling))
+        least, most = self.limits
+        inside = all(low <= most and high >= least for low, high in bounds)
+        return inside and any(low < least or high > most for low, high in bounds)
+
+
+def _can_fall(bounds: Sequence[tuple[float, float]]) -> bool:
+    """Whether there is a falling sequence of values within bounds."""
+    last = math.inf
+    for low, high in bounds:
+        if low >= last:
+            return False
+        last = min(last, high)
+    return True
+
 
 SeedEstimates = Mapping[str, SeedEstimate] | None  # None: something of it was not measured
 
@@ -98,14 +120,20 @@ def verdict(expect: Expectation | None, protocol: SeedEstimates, variant: SeedEs
     return OTHER_ORDER if expect.order else NOT_REACHED
 
 
-def estimate(values: Sequence[float], own: tuple[float, float] | None = None, unit: str = "") -> SeedEstimate:
+def is_open(expect: Expectation | None, protocol: SeedEstimates, variant: SeedEstimates) -> bool:
+    """Whether the values that a verdict is about could be otherwise within their intervals."""
+    deciding = variant if verdict(expect, protocol, variant) == BY_VARIANT else protocol
+    return expect is not None and deciding is not None and expect.open(list(deciding.values()))
+
+
+def estimate(values: Sequence[MeasuredValue]) -> SeedEstimate:
     """The mean over seeds, with Student's interval of 95 %; of a single run, its value and its own interval, if any."""
-    mean, count = math.fsum(values) / len(values), len(values)
+    numbers, count, unit = [value.value for value in values], len(values), values[0].unit
+    mean = math.fsum(numbers) / count
     if count == 1:
-        low, high = own or (None, None)
-        return SeedEstimate(mean, 1, low, high, unit)
+        return SeedEstimate(mean, 1, values[0].low, values[0].high, unit)
     from scipy.special import stdtrit
 
-    spread = math.sqrt(math.fsum((value - mean) ** 2 for value in values) / (count - 1) / count)
+    spread = math.sqrt(math.fsum((number - mean) ** 2 for number in numbers) / (count - 1) / count)
     half = float(stdtrit(count - 1, (1 + CONFIDENCE) / 2)) * spread
     return SeedEstimate(mean, count, mean - half, mean + half, unit)

@@ -23,7 +23,6 @@ from omegaconf import OmegaConf
 from omnilab.api import KINDS
 from omnilab.errors import ConfigError, did_you_mean
 from omnilab.runner.config import Run, literal
-from omnilab.runner.overrides.compose_errors import recipes
 from omnilab.runner.overrides.setting_types import is_list_of_texts, is_text, may_have_settings, types_of, wanted
 from omnilab.runner.registry import Registry
 
@@ -120,7 +119,7 @@ def _readable(word: str, multirun: bool, registry: Registry) -> str:
     """One override, as Hydra takes it."""
     key, equals, value = word.partition("=")
     if not equals and not word.startswith("~"):
-        raise ConfigError(_without_value(word))
+        raise ConfigError(_without_value(word, registry))
     _check_key(key, value, word, registry)
     if not equals:
         return word
@@ -154,8 +153,8 @@ def _readable(word: str, multirun: bool, registry: Registry) -> str:
     return f"{key}={quoted(_home(value))}"
 
 
-def _without_value(word: str) -> str:
-    if word in recipes():
+def _without_value(word: str, registry: Registry) -> str:
+    if word in registry.recipes:
         return f"'{word}' is no setting; did you mean experiment={word}?"
     return f"'{word}' has no value; settings are given as NAME=VALUE, such as seed=1"
 

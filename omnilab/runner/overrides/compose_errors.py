@@ -5,13 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
-from importlib.resources import files
 from typing import Any
 
 from omegaconf.errors import OmegaConfBaseException
 
 from omnilab.api import KINDS
-from omnilab.errors import did_you_mean
+from omnilab.errors import did_you_mean, with_article
 from omnilab.runner.config import Run
 from omnilab.runner.overrides.setting_types import types_of, wanted
 from omnilab.runner.registry import DICTS, MANY, Registry
@@ -19,13 +18,8 @@ from omnilab.runner.registry import DICTS, MANY, Registry
 EXTRAS = {  # by the name of a launcher or a sweeper: the extra of omnilab that has it
     "joblib": "joblib", "submitit_local": "submitit", "submitit_slurm": "submitit", "ray": "ray", "optuna": "optuna",
 }  # fmt: skip
+NO_HEADER = "the recipe's settings would not be those of the run; begin it with the line '# @package _global_'"
 GENERAL = "the settings do not fit together; omnilab --cfg job, with experiment=NAME, shows those that there are"
-
-
-def recipes() -> list[str]:
-    """The names of the experiments that are shipped."""
-    names = (path.name for path in (files("omnilab.conf") / "experiment").iterdir())
-    return sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml"))
 
 
 def sentence(error: Exception, registry: Registry, overrides: Sequence[str] = ()) -> str:
@@ -69,7 +63,9 @@ def _missing_choice(found: re.Match[str], text: str, registry: Registry) -> str:
     listed_group = re.search(r"Available options in '([^']+)'", text)
     group = listed_group[1] if listed_group else found[1].rpartition("/")[0]
     name = found[1].removeprefix(f"{group}/")
-    if group in KINDS and registry.names(group):
+    if group.startswith("experiment/") and group.partition("/")[2] in KINDS:
+        return _of_recipe(group, name)
+    if group in KINDS:
         return registry.missing(group, name)
     if group in {"hydra/launcher", "hydra/sweeper"} and name in EXTRAS:
         extra = EXTRAS[name]
@@ -88,6 +84,8 @@ def _missing_key(found: re.Match[str], text: str, registry: Registry) -> str:
     path = found[1] if (found := re.search(r"Could not override '([^']+)'", text)) else key  # type: ignore[assignment]
     if owner == "HydraConf" or path.startswith("hydra."):
         return f"'{path}' is not a setting of Hydra; omnilab --cfg hydra shows those that there are"
+    if path == "experiment":
+        return NO_HEADER
     classes: list[type[Any]] = [Run, *(component.cls for component in registry.components.values())]
     cls = next((c for c in classes if c.__name__ == owner), Run)
     known = [field.name for field in fields(cls)]
@@ -122,12 +120,21 @@ def _not_in_struct(found: re.Match[str], text: str, registry: Registry) -> str:
 def _not_overridable(found: re.Match[str], _: str, registry: Registry) -> str:
     """A choice that is not in the list of defaults: descriptor@descriptors.a=radon."""
     kind, at, place = found[1].partition("@")
+    if place.startswith("experiment."):
+        return NO_HEADER
+    if kind.startswith("experiment/"):
+        return _of_recipe(kind, "NAME")
     if kind not in KINDS:
         known = ["experiment", *KINDS]
         return f"'{found[1]}' is no choice; there is {', '.join(known)}{did_you_mean(kind, known)}{registry.failed}"
     if at and place.partition(".")[0] in DICTS:
         return f"there is no {kind} at {place} yet; add it, with +{kind}@{place}=NAME"
-    return f"'{found[1]}' is no place for a {kind}; give {kind}=NAME, or +{kind}@{KINDS[kind].plural}.NAME=NAME"
+    return f"'{found[1]}' is no place for {with_article(kind)}; give {kind}=NAME, or +{kind}@{KINDS[kind].plural}.NAME=NAME"
+
+
+def _of_recipe(group: str, name: str) -> str:
+    kind = group.partition("/")[2]
+    return f"the recipe's defaults choose {with_article(kind)} among recipes; write '- override /{kind}: {name}', with the slash"
 
 
 def _nothing_to_delete(found: re.Match[str], _: str, registry: Registry) -> str:
@@ -188,9 +195,9 @@ _SENTENCES: list[tuple[str, Any]] = [
     (r"Could not delete '([^']*)'. No match", _nothing_chosen),
     (r"Ambiguous value for argument '(.*?)'\n", _several),
     (r"Sweep parameters '(.*)' requires --multirun", lambda m, *_: f"{m[1]} is a sweep; give -m before it"),
+    (r"In ([^\n]*): Override [^\n]* is defined before '([^'@ ]*)", lambda m, *_: f"{m[1]}: its defaults choose {m[2]} behind an override; write '- override /KIND: NAME' for each, with the slash"),
     (r"does not support sweep type", lambda *_: "interval(...) has no single values to run; give choice(...), range(...) or values with commas"),
     (r"You must specify '([^']*)'", lambda m, _, r: f"no {m[1]} is chosen; give {m[1]}={'|'.join(r.names(m[1])) or 'NAME'}"),
     (r"Cannot find primary config '([^']*)'", lambda m, *_: f"--config-name {m[1]}: there is no such configuration; leave it out, and choose a recipe with experiment=NAME"),
     (r"Primary config directory not found", lambda *_: "--config-path names no folder of recipes; leave it out, and give --config-dir DIR for recipes of your own"),
-    (r"Interpolation key 'hydra.runtime.choices.experiment' not found", lambda *_: "without an experiment the run's folder has no name; give experiment=NAME, or hydra.run.dir=DIR"),
 ]  # fmt: skip

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from hydra import initialize_config_module
@@ -27,6 +28,7 @@ from omnilab.runner.build import build
 from omnilab.runner.config import Run
 from omnilab.runner.overrides.command_line import for_hydra
 from omnilab.runner.overrides.compose_errors import sentence
+from omnilab.runner.overrides.recipe_loader import use_recipe_loader
 from omnilab.runner.registry import Registry
 from omnilab.runner.sweeps.objective import check_sweep
 from omnilab.runner.sweeps.plan_file import count, swept
@@ -48,7 +50,7 @@ def compose(words: Sequence[str], registry: Registry) -> Composition:
     words = for_hydra(words, registry)
     multirun = "--multirun" in words
     words = [word for word in words if word != "--multirun"]
-    with in_sentences(registry, words), _hydra() as hydra:
+    with in_sentences(registry, words), _hydra(registry) as hydra:
         config = hydra.compose_config("config", words, RunMode.MULTIRUN if multirun else RunMode.RUN)
         return _sweep(config, registry) if multirun else Composition(*_parted(config), {}, 1, ())
 
@@ -78,7 +80,7 @@ def _sweep(config: DictConfig, registry: Registry) -> Composition:
 
 def compose_job(overrides: Sequence[str], registry: Registry) -> tuple[DictConfig, dict[str, str | None]]:
     """The configuration of one job of a sweep, by its overrides as Hydra takes them, and what was chosen."""
-    with in_sentences(registry, overrides), _hydra() as hydra:
+    with in_sentences(registry, overrides), _hydra(registry) as hydra:
         return _parted(hydra.compose_config("config", list(overrides), RunMode.RUN))
 
 
@@ -102,10 +104,10 @@ def _parted(config: DictConfig) -> tuple[DictConfig, dict[str, str | None]]:
 
 
 @contextmanager
-def _hydra() -> Iterator[Hydra]:
-    """Hydra without a command line; as there, it finds the shipped experiments. It is the process's own meanwhile."""
+def _hydra(registry: Registry) -> Iterator[Hydra]:
+    """Hydra without a command line; as there, it finds the recipes of omnilab and of plugins. It is the process's own meanwhile."""
     own, before = GlobalHydra.instance(), GlobalHydra.instance().hydra
-    own.hydra = _made()
+    own.hydra = _made(tuple(registry.folders))
     try:
         yield own.hydra
     finally:
@@ -113,7 +115,7 @@ def _hydra() -> Iterator[Hydra]:
 
 
 @cache
-def _made() -> Hydra:
+def _made(folders: tuple[Path, ...]) -> Hydra:  # noqa: ARG001  other folders, other recipes
     GlobalHydra.instance().clear()
     initialize_config_module("omnilab.conf", job_name="omnilab", version_base="1.3")
     made = GlobalHydra.instance().hydra
@@ -124,6 +126,7 @@ def _made() -> Hydra:
 @contextmanager
 def in_sentences(registry: Registry, words: Sequence[str]) -> Iterator[None]:
     """What Hydra and its libraries raise of a configuration that cannot be, as a ConfigError."""
+    use_recipe_loader(registry)
     try:
         yield
     except (HydraException, OmegaConfBaseException) as error:

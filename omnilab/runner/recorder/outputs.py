@@ -1,6 +1,7 @@
 """Where a run's records go: each sink with a lock and a thread of its own, and what Ctrl-C does meanwhile.
 
-A record is written at once, by the thread that logs it: nothing lies in a queue when the process is killed. Flushing and
+A record is written at once, by the thread that logs it: nothing lies in a queue when the process is killed, but for the few
+actions of a study that `Recorder.aside` still has to run. Flushing and
 closing are the business of the sink's thread, so that one that is slow, or hangs, keeps no other from its file.
 """
 
@@ -17,8 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from omnilab.api import Record, RunResult, Sink, TakesResult, Tick
+from omnilab.api import Record, RunResult, Sink, TakesResult, Text, Tick
 from omnilab.errors import PluginError, visible
+from omnilab.run_header import HEADER
 
 FLUSH_S = 0.5  # half of what a killed run may lose
 PATIENCE_S = 5.0  # how long Ctrl-C waits for a sink that is at work
@@ -63,7 +65,10 @@ class Interrupts:
 
     @contextmanager
     def postponed(self) -> Iterator[None]:
-        """Work that no signal should tear."""
+        """Work that no signal should tear. None comes to other threads than the main one."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
         self.at_work()
         try:
             yield
@@ -99,6 +104,7 @@ class Output:
     ) -> None:
         self.name, self.sink, self.dropped = name, sink, dropped
         self.ends = threading.Event()  # the run does, or the sink has failed
+        self.header: Text | None = None  # the last record
         self.result: RunResult | None = None  # what a sink may write down before it is closed
         self._timed, self._interrupts = timed, interrupts
         self._lock = threading.Lock()
@@ -134,6 +140,11 @@ class Output:
             with np.errstate(all="ignore"):  # NaN in a record is what is to be seen in the log
                 self._attempt(lambda: self.sink.write(path, record, tick), path)
 
+    def give_up(self, why: str) -> None:
+        """Drop the sink if it is at work."""
+        if self.at_work() and self.name not in self.dropped:
+            self._drop(TimeoutError(why), why)
+
     def join(self) -> None:
         """Wait until the file is complete; a sink that does not end is dropped."""
 
@@ -158,7 +169,10 @@ class Output:
                 self._attempt(self.sink.flush)
         if not self._opened:
             return
-        sink, result = self.sink, self.result
+        sink, header, result = self.sink, self.header, self.result
+        if header and self.name not in self.dropped:
+            self._lock.acquire()
+            self._attempt(lambda: sink.write(HEADER, header, None), HEADER)
         if result and isinstance(sink, TakesResult) and self.name not in self.dropped:
             self._lock.acquire()
             self._attempt(lambda: sink.conclude(result), "result")

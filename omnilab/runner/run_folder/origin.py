@@ -1,4 +1,4 @@
-"""Where and with what a run was made."""
+"""When, where and with what a run was made."""
 
 from __future__ import annotations
 
@@ -6,14 +6,18 @@ import os
 import platform
 import subprocess
 import sys
+from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 
 def origin() -> dict[str, Any]:
-    """Where and with what a run was made: commit, Python, host."""
+    """When, where and with what a run is made: time, version, commit, Python, host."""
     return {
-        "commit": _commit(),
+        "began": datetime.now(UTC).isoformat(timespec="seconds"),
+        "omnilab": version("omnilab"),
+        "commit": commit(),
         "python": platform.python_version(),
         "host": {"name": platform.node(), "system": platform.platform(), "cores": os.cpu_count()},
         "command": [_program(), *sys.argv[1:]],
@@ -26,7 +30,7 @@ def _program() -> str:
     return "omnilab" if program.match("omnilab/__main__.py") else program.name
 
 
-def _commit() -> str | None:
+def commit() -> str | None:
     """The commit of the source tree that omnilab runs from, with "+changes" if it was edited; None if installed."""
     source = Path(__file__).resolve().parents[3]
     if not (source / ".git").exists():

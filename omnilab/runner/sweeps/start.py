@@ -11,6 +11,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 
 from omnilab.errors import ConfigError, DataError
+from omnilab.runner.config import run_name
 from omnilab.runner.overrides.command_line import quoted
 from omnilab.runner.run_folder.lock import RunLock, lock_sweep
 from omnilab.runner.sweeps.active import ActiveSweep
@@ -92,7 +93,7 @@ def _plan(config: DictConfig, command: Sequence[str]) -> SweepPlan:
     return SweepPlan(
         command=[word for word in command if word.partition("=")[0] not in (RESUME, RETRY, "hydra.sweep.dir")],
         directory=str(Path.cwd()),
-        experiment=str(choices.get("experiment")),
+        experiment=run_name(choices, _plain(hydra.overrides.task)),
         parameters=parameters,
         jobs=jobs,
         launcher=str(choices["hydra/launcher"]),

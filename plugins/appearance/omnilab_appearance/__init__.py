@@ -22,6 +22,7 @@ from omnilab_appearance.distances import *
 from omnilab_appearance.disturbances import *
 from omnilab_appearance.localizers import *
 from omnilab_appearance.loop_closures import *
+from omnilab_appearance.loop_closures.no_loop_closure import NoLoopClosure
 from omnilab_appearance.odometries import *
 
 
@@ -58,6 +59,7 @@ def register_odometries(register: Register) -> None:
 @hookimpl
 def register_loop_closures(register: Register) -> None:
     register_all(register, loop_closures, formerly={"geometric_verification": "verified"})
+    register("none", NoLoopClosure)
 
 
 def __getattr__(name: str) -> Any:

@@ -75,6 +75,13 @@ def test_floor_and_walls_is_the_same_for_any_camera_that_sees_the_floor():
         assert heights.value[0] == pytest.approx(0.3, abs=0.03)
 
 
+def test_rows_of_a_panorama_have_no_seam_and_count_by_their_length_on_the_sphere():
+    picture = np.random.default_rng(6).integers(0, 256, (64, 128), np.uint8)
+    here, there = (rows_of(EquirectangularCamera(128, 64, start), 30, -75.0, 15.0, 0.5) for start in (0.0, 180.0))
+    assert np.allclose(here.sample(picture), there.sample(np.roll(picture, 64, axis=1)), atol=1e-3)
+    assert here.weight == pytest.approx(np.cos(np.deg2rad(-75 + 3 * (np.arange(30) + 0.5))), abs=1e-3)
+
+
 def test_an_uncalibrated_circle_has_its_horizon_where_it_is_said_to_be():
     ring = ImageCircle(200, 200, Circle(100, 100, 90, 0))
     rows = rows_of(ring, 90, -90.0, 90.0, 0.5)

@@ -49,7 +49,7 @@ ALL = OF_PANORAMAS + OF_MIRRORS
 
 
 @pytest.mark.parametrize("descriptor", ALL, ids=repr)
-@pytest.mark.parametrize("color", [False, True], ids=["grey", "colour"])
+@pytest.mark.parametrize("color", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["grey", "colour"])
 def test_the_contract(descriptor, color):
     check_descriptor(type(descriptor)(**(vars(descriptor) | {"color": color})))
 

@@ -1,5 +1,7 @@
 """Distances against scipy, scikit-image and exact shifts."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -38,6 +40,25 @@ def test_poc_equals_the_printed_equations():
         assert np.isclose(match.distance[0, p], 1 - correlation.max(), atol=1e-5)  # eq. 4.2
 
 
+@given(st.integers(1, 23), st.integers(1, 23), st.integers(1, 9), st.integers(0, 2**31))
+@settings(max_examples=30)
+def test_poc_chooses_the_sample_that_an_fft_of_the_whole_surface_chooses(rows, columns, count, seed):
+    places = _matrices(count, seed, (rows, columns))
+    query = np.roll(places[:1], 1, axis=2) + 0.5 * _matrices(1, seed + 1, (rows, columns))
+    match = Poc().match(Signatures(query), Poc().prepare(Signatures(places)))
+    spectra = [np.fft.rfft2(m.astype(float)) for m in (places, query)]
+    phases = [s / np.maximum(np.abs(s), 1e-300) for s in spectra]
+    surfaces = np.fft.irfft2(phases[0] * phases[1].conj(), s=(rows, columns))
+    row, column = np.divmod(surfaces.reshape(count, -1).argmax(axis=1), columns)
+    peak, before, after = (surfaces[np.arange(count), row, (column + shift) % columns] for shift in (0, -1, 1))
+    np.testing.assert_allclose(match.distance[0], 1 - peak, atol=1e-5)
+    shift = (match.rotation_rad[0] * columns / (2 * np.pi) - column - between(before, peak, after)) / columns
+    single = (
+        np.sort(surfaces.reshape(count, -1))[:, -2:] @ [-1, 1] > 1e-5 if rows * columns > 1 else np.zeros(count, bool)
+    )
+    np.testing.assert_allclose((shift - np.round(shift))[single], 0, atol=1e-3)
+
+
 @given(st.integers(0, 29), st.integers(0, 19))
 @settings(max_examples=20)
 def test_poc_finds_the_shift_that_scikit_image_finds(columns, rows):
@@ -50,6 +71,7 @@ def test_poc_finds_the_shift_that_scikit_image_finds(columns, rows):
     assert match.distance[0, 0] < 1e-5
 
 
+@cache
 def _scene(side=251):
     """A picture with detail of every size, as the world has."""
     rng = np.random.default_rng(3)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
 from omnilab.api import Circle
-from omnilab.cameras import HyperbolicMirror, ImageCircle
+from omnilab.cameras import CylindricalCamera, EquirectangularCamera, HyperbolicMirror, ImageCircle
 from omnilab.errors import ConfigError, DataError, PluginError
 from omnilab.testing import check_disturbance
 from omnilab_appearance import Blur, ColorShift, GaussianNoise, Light, ListingNoise, Occlusion, Tilt, UniformNoise
@@ -199,6 +199,24 @@ def test_a_tilted_image_is_that_of_the_turned_camera(angle_deg, axis_deg):
     assert np.abs(tilted[seen] - _sky(turned)[seen]).max() < 2
     gone = ~((source > -1) & (source < 200)).all(-1)
     assert not tilted[gone].any()
+
+
+@pytest.mark.parametrize("disturbance", [Tilt(17, 40), Blur(3)], ids=["tilt", "blur"])
+@pytest.mark.parametrize("model", [EquirectangularCamera, CylindricalCamera])
+def test_panoramas_have_no_seam(disturbance, model):
+    """Rotated by whole columns, what is tilted or blurred is the same picture, wherever its ends were."""
+    picture = np.random.default_rng(5).integers(1, 256, (1, 60, 120), np.uint8)
+    (found,) = _apply(disturbance, picture, model(120, 60, 0.0))
+    (elsewhere,) = _apply(disturbance, np.roll(picture, -50, axis=2), model(120, 60, 50 * 360 / 120))
+    assert np.abs(np.roll(elsewhere, 50, axis=1).astype(int) - found).max() <= 1
+
+
+def test_a_tilted_sphere_shows_all_of_the_sky():
+    camera = EquirectangularCamera(240, 120, 180.0, True)
+    upright = np.rint(_sky(_looks(camera))).astype(np.uint8)
+    tilted = _apply(Tilt(90, 0), upright[None], camera)[0]
+    R_upright_leaning = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    assert np.abs(tilted - _sky(_looks(camera) @ R_upright_leaning.T)).max() < 2
 
 
 def test_a_quarter_turn_shows_at_the_centre_what_was_at_the_side():

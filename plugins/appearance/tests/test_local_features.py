@@ -8,11 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter, rotate
 
-from omnilab.api import Signatures
+from omnilab.api import ImageFeatures, Signatures
 from omnilab.errors import ConfigError, DataError
 from omnilab.testing import check_descriptor
 from omnilab_appearance import Features, FeaturesTurned, Sift, Surf
 from omnilab_appearance.common.local_features import packed, unpacked
+from omnilab_appearance.common.spherical_features import match_features
 
 SIDE = 241
 
@@ -114,3 +115,23 @@ def test_other_signatures_are_refused():
 def test_settings_that_mean_nothing(make):
     with pytest.raises(ConfigError, match="give"):
         make()
+
+
+@pytest.mark.parametrize("dimensions", [128, 400])  # float32 adds the products of 400 bytes no longer exactly
+def test_matches_of_bytes_are_those_of_double_precision(dimensions):
+    rng = np.random.default_rng(4)
+    one = rng.integers(0, 256, (120, dimensions)).astype(np.uint8)
+    noisy = one[rng.permutation(120)] + rng.normal(0, 40, (120, dimensions)) * rng.uniform(0, 8, (120, 1))
+    other = np.clip(noisy, 0, 255).astype(np.uint8)
+    one[7] = 0  # a vector without a direction is like no other
+    unit = [
+        v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1) for v in (one.astype(float), other.astype(float))
+    ]
+    cosine = unit[0] @ unit[1].T
+    best, second = np.sort(cosine, axis=1)[:, [-1, -2]].T
+    expected = (1 - best < 0.85**2 * (1 - second)) & (cosine.argmax(axis=0)[cosine.argmax(axis=1)] == np.arange(120))
+    nowhere = np.zeros((120, 2), np.float32)
+    i, j = match_features(ImageFeatures(None, nowhere, one), ImageFeatures(None, nowhere, other), 0.85)
+    assert 20 < len(i) < 110
+    np.testing.assert_array_equal(i, np.flatnonzero(expected))
+    np.testing.assert_array_equal(j, cosine.argmax(axis=1)[expected])

@@ -56,7 +56,9 @@ def test_smacof_keeps_the_distances_of_a_plane(seed, n, scale):
 
 
 @pytest.mark.parametrize("constants", Constants)
-@pytest.mark.parametrize(("integrator", "step_s"), [(Integrator.verlet, 0.03), (Integrator.euler, 0.005)])
+@pytest.mark.parametrize(
+    ("integrator", "step_s"), [(Integrator.verlet, 0.03), pytest.param(Integrator.euler, 0.005, marks=pytest.mark.slow)]
+)
 def test_springs_keep_the_distances_of_a_plane_to_a_hundredth_of_their_mean(integrator, step_s, constants):
     points = np.random.default_rng(5).uniform(-1, 1, (6, 10, 2))
     exact = distances(points)

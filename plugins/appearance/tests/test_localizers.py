@@ -180,6 +180,56 @@ def test_the_seed_alone_decides_on_the_representatives():
     assert not np.array_equal(heads[0], heads[2])
 
 
+def test_kept_clusters_answer_alike_without_being_found_again(tmp_path):
+    rng = np.random.default_rng(4)
+    places, queries = _map(rng.standard_normal((300, 3)), rng.uniform(0, 9, (300, 3))), rng.standard_normal((9, 3))
+    file = tmp_path / "new" / "clusters.npz"
+    first, distance = _answer(Hierarchical(keep=str(file)), places, Apart(), queries), Apart()
+    index = Hierarchical(keep=str(file)).prepare(places, distance)
+    assert sum(distance.pairs) < 300 * 35  # the check of scales alone, where finding them compares every place with 35
+    found = Hierarchical().locate(Signatures(queries.astype(np.float32)), index)
+    np.testing.assert_array_equal(found.place, first.place)
+    np.testing.assert_array_equal(found.distance, _answer(Hierarchical(), places, Apart(), queries).distance)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"seed": 1}, "another map, distance, seed or number"),
+        ({"clusters": 9}, "another map, distance, seed or number"),
+    ],
+)
+def test_clusters_of_other_settings_are_refused_and_left_alone(tmp_path, change, reason):
+    places, file = _map(GRID_M), tmp_path / "clusters.npz"
+    Hierarchical(keep=str(file)).prepare(places, Apart())
+    before = file.read_bytes()
+    for localizer, distance, others in (
+        (Hierarchical(keep=str(file), **change), Apart(), places), (Hierarchical(keep=str(file)), Apart(1), places),
+        (Hierarchical(keep=str(file)), Apart(), _map(GRID_M + 1)),
+    ):  # fmt: skip
+        with pytest.raises(DataError, match=reason):
+            localizer.prepare(others, distance)
+    assert file.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"no archive", "no whole archive"), ({"about": np.array("x"), "owner": np.zeros(30, np.int32)}, "it says no"),
+        ({"owner": np.full(30, 11, np.int32)}, "one of 11 clusters"), ({"owner": np.zeros(29, np.int32)}, "one of 11"),
+        ({}, "one of 11"),
+    ],
+)  # fmt: skip
+def test_files_that_hold_no_clusters_are_refused(tmp_path, content, reason):
+    file = tmp_path / "clusters.npz"
+    Hierarchical(keep=str(file)).prepare(_map(GRID_M), Apart())
+    with np.load(file) as kept:
+        about = kept["about"]
+    file.write_bytes(content) if isinstance(content, bytes) else np.savez(file, **{"about": about} | content)
+    with pytest.raises(DataError, match=reason):
+        Hierarchical(keep=str(file)).prepare(_map(GRID_M), Apart())
+
+
 def test_equal_distances_and_duplicates_are_answered():
     found = _answer(Hierarchical(), _map(np.zeros((30, 2))), Apart(), [[0, 0], [1, 1]])
     assert np.isfinite(found.position_m).all()

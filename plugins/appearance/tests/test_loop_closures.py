@@ -9,7 +9,7 @@ from omnilab.api import CalibratedCamera, Frames, ImageFeatures, Unusable
 from omnilab.cameras import THESIS_HALF
 from omnilab.errors import ConfigError, DataError
 from omnilab.testing import check_loop_closure
-from omnilab_appearance import GeometricVerification, HogNearest, HogThreshold
+from omnilab_appearance import GeometricVerification, HogNearest, HogThreshold, NoLoopClosure
 from omnilab_appearance.loop_closures.cosine_index import CosineIndex
 from omnilab_appearance.odometries.planar_epipolar import RadonFeatures
 
@@ -45,7 +45,9 @@ def features_of(points, vectors, place=(0.0, 0.0), turn=0.0):
     return ImageFeatures(directions, level.astype(np.float32), vectors)
 
 
-@pytest.mark.parametrize("closure", [HogThreshold(exclude=1), HogNearest(exclude=1), GeometricVerification(exclude=1)])
+@pytest.mark.parametrize(
+    "closure", [HogThreshold(exclude=1), HogNearest(exclude=1), GeometricVerification(exclude=1), NoLoopClosure()]
+)
 def test_conforms(closure):
     check_loop_closure(closure, frames([0, 1, 2, 0, 1]))
 
@@ -55,6 +57,10 @@ def test_the_same_picture_is_the_same_place_unless_it_was_just_before():
     assert [t.nodes.tolist() for t in closures] == [[], [], [], [0], []]
     assert closures[3].motions[0] == pytest.approx(0, abs=1e-6)
     assert closures[3].distances[0] == pytest.approx(0, abs=1e-6)
+
+
+def test_none_recognises_nothing():
+    assert [len(found.nodes) for found in queried(NoLoopClosure(), [0, 0, 0])] == [0, 0, 0]
 
 
 def test_every_image_below_w_closes_a_loop_and_the_nearest_alone_under_its_own_name():

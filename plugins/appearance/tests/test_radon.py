@@ -88,3 +88,11 @@ def test_unusable_sizes_and_images_are_refused():
     with pytest.raises(DataError, match=r"\(2, 10, 12\)"):
         Radon().describe(np.zeros((2, 10, 12), np.uint8))
     assert Radon(60, 36).describe(np.zeros((0, 9, 9), np.uint8)).place.shape == (0, 60, 36)
+
+
+@pytest.mark.parametrize("offsets", [4, 31, 173])
+def test_an_image_alone_has_the_transform_it_has_among_others(offsets):
+    pictures = _pictures(3, 200)
+    together = Radon(offsets=offsets).describe(pictures).place
+    for picture, transform in zip(pictures, together, strict=True):
+        np.testing.assert_array_equal(Radon(offsets=offsets).describe(picture[None]).place[0], transform)

@@ -12,11 +12,12 @@ import numpy as np
 from google.protobuf.message import Message  # type: ignore[import-untyped]
 from mcap_protobuf.schema import register_schema
 
-from omnilab.api import RunResult, Tick
+from omnilab.api import Record, RunResult, Tick
 from omnilab.errors import DataError, PluginError
 from omnilab.log_times import LogTimes
 from omnilab.manifest import read_manifest
 from omnilab_mcap import about
+from omnilab_mcap.shown import Shown
 from omnilab_mcap.writer import TailedFile, TailedWriter
 
 
@@ -33,10 +34,11 @@ class McapLog:
         self._writer = TailedWriter(self._file)
         self._writer.start()
         self.times = LogTimes()
-        self._folder = path.parent
+        self.folder = path.parent
         self._about = about.of_run(read_manifest(path.parent)) | versions()
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, tuple[int, str]] = {}
+        self.shown: dict[str, Shown] = {}  # by topic
         self._describe(about.RUN_FILES)
 
     def add(self, topic: str, message: Message, log_ns: int, tick: Tick) -> None:
@@ -54,6 +56,11 @@ class McapLog:
         for (message, tick), log_ns in zip(rows, times.tolist(), strict=True):
             self.add(topic, message, log_ns, tick)
 
+    def see(self, topic: str, record: Record) -> None:
+        """Take note, for the layout, of a record of which messages were added under a topic."""
+        if topic in self._channels:
+            self.shown.setdefault(topic, Shown(self._channels[topic][1])).see(record)
+
     def conclude(self, result: RunResult) -> None:
         """Say how the run ended; of records of one name the last holds."""
         self._about |= about.of_result(result)
@@ -63,7 +70,7 @@ class McapLog:
         """Write what is known of the run, and files of its folder, behind the chunk in progress."""
         self.flush()
         self._writer.add_metadata(about.NAME, self._about)
-        for name, media_type, content in about.files(self._folder, media_types):
+        for name, media_type, content in about.files(self.folder, media_types):
             now = self.times.now()
             self._writer.add_attachment(now, now, name, media_type, content)
         self.flush()

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from omnilab import hookimpl
-from omnilab.hooks import Register, RegisterCommand
-from omnilab_mirror.commands import world_command
+from omnilab.hooks import CommandIn, Register, RegisterCommand, RegisterFolder
 from omnilab_mirror.sensors.lenses import (
     BrownConrady,
     Calibrated,
@@ -58,4 +57,9 @@ def register_sensors(register: Register) -> None:
 
 @hookimpl
 def register_commands(register: RegisterCommand) -> None:
-    register("world", world_command)
+    register("world", CommandIn("omnilab_mirror.commands", "world_command"))
+
+
+@hookimpl
+def register_folders(register: RegisterFolder) -> None:
+    register(".")

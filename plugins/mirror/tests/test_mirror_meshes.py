@@ -303,6 +303,7 @@ def test_the_scene_is_small_and_open_from_above(tmp_path):
     room = trimesh.creation.box(extents=[6, 4, 3])
     trimesh.util.concatenate([ball, room]).export(tmp_path / "room.ply")
     mesh = Mirror(world=str(tmp_path / "room.ply")).scene()
+    assert not mesh.one_sided
     assert len(ball.faces) > 60_000 >= len(mesh.triangles) > 1000
     heights = mesh.vertices_m[mesh.triangles][..., 2]
     assert not np.any(heights.min(axis=1) > 2.9)  # no ceiling

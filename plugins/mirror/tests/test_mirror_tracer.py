@@ -233,3 +233,13 @@ def test_scene_lies_on_the_faces_and_is_open_above():
     assert not np.any((centers[:, 2] > 2.99) & (np.abs(centers[:, :2]).max(axis=1) < 3.9))
     floor = mesh.colors[np.abs(mesh.vertices_m[:, 2]) < 1e-9].mean(axis=0)
     assert floor[0] > floor[1] > floor[2] > 20  # wood
+
+    # outer walls and floor face into the room: a viewer that draws one side alone shows it from outside, too
+    assert mesh.one_sided
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])  # twice as long as the area
+    low, high = mesh.vertices_m.min(0), mesh.vertices_m.max(0)
+    planes = [(axis, low[axis], 1) for axis in range(3)] + [(axis, high[axis], -1) for axis in range(2)]
+    for axis, at, inward in planes:
+        there = (np.abs(corners[:, :, axis] - at) < 1e-9).all(axis=1)
+        size = np.prod(np.delete(high - low, axis))
+        assert (inward * normals[there, axis]).clip(min=0).sum() / 2 > 0.6 * size, "all but windows and doors"

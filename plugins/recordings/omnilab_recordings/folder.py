@@ -16,25 +16,17 @@ from typing import TypeVar
 import numpy as np
 
 from omnilab.api import Bytes, Floats, Frames, Ints, Mesh, Plan, PoseRequest, check_settings, setting
-from omnilab.cameras import ImageCircle, RayCamera
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import poses, rotation_xyz
 from omnilab_recordings import remarks
-from omnilab_recordings.calibration import CameraFile, check_frame_of
-from omnilab_recordings.images.circle import inscribed
+from omnilab_recordings.calibration import CameraFile
+from omnilab_recordings.camera_choice import CameraChoice, blanked
 from omnilab_recordings.images.decoding import DecodedImage, Decoder
 from omnilab_recordings.images.depth import read_depth
 from omnilab_recordings.images.files import existing, read_bytes
-from omnilab_recordings.optics import Optics, check_circle, circle_of, most_alike, off_ring, unseen_in
-from omnilab_recordings.panoramas import (
-    PLURALS,
-    WIDE,
-    Panorama,
-    doubt,
-    panorama_camera,
-    panorama_kind,
-    proposal,
-)
+from omnilab_recordings.on_bad_image import OnBadImage
+from omnilab_recordings.optics import Optics, check_circle, most_alike
+from omnilab_recordings.panoramas import Panorama, panorama_kind
 from omnilab_recordings.poses.filename_poses import Naming, naming
 from omnilab_recordings.questions import questions
 from omnilab_recordings.recording import POSITIONS_FILE, Recording, open_recording
@@ -44,19 +36,7 @@ log = logging.getLogger("omnilab")
 
 SAMPLE = 16  # images by which the size and the circle of all are found
 AHEAD = 16  # images that are read in advance
-NEARLY_SQUARE = 0.02
-GUESSED = (
-    "no dark surround shows where the mirror is, and the circle inscribed in the frame is a guess: give"
-    " sensor.circle_px=[cx,cy,radius]"
-)
 MOST_BYTES = 2**28  # of pictures that are handed over at a time, and that are read in advance
-
-
-class OnBadImage(Enum):
-    """What becomes of a file that cannot be read, is no whole image, or has another size than the others."""
-
-    fail = "fail"
-    skip = "skip"  # left out, and listed in `Frames.omitted`
 
 
 class HeadingSense(Enum):
@@ -251,54 +231,16 @@ class Folder:
     def optics(self) -> Optics:
         """The camera, and what becomes of the pixels of a file."""
         sample = most_alike(self.sample)
-        shape = sample[0].shape
-        camera = self._camera(sample)
-        unseen = np.zeros(shape, bool) if self.mask is None else unseen_in(self.root, self.mask, shape)
-        if self.blank_outside:
-            unseen |= off_ring(camera.circle, shape)
+        camera = self.camera_choice.camera(self.root, sample)
+        unseen = blanked(camera, self.root, self.mask, self.blank_outside)
         decoder = Decoder(self.color, self.exif_orientation, self.bits)
         return Optics(camera.flipped() if self.mirrored else camera, unseen, self.mirrored, decoder, sample[0].deep)
 
-    def _camera(self, sample: Sequence[DecodedImage]) -> RayCamera | ImageCircle:
-        """Camera of the files: as calibrated or declared or, without a calibration, the circle."""
-        height, width = sample[0].shape
-        calibrated = self.camera_file.read(self.root, (width, height))
-        if calibrated is not None:
-            file, camera = calibrated
-            if self.panorama is not None:
-                raise ConfigError(
-                    f"panorama={self.panorama.value} is given, but {file} says what camera it is; leave one of them out"
-                )
-            self._check_no_circle(f"the camera in {file} knows its circle and its horizon")
-            check_frame_of(file, camera, (height, width))
-            return camera
-        if self.panorama is not None:
-            self._check_no_circle(f"panorama={self.panorama.value} has no circle and knows its horizon")
-        if (kind := self._declared(sample)) is not None:
-            return panorama_camera(kind, width, height)
-        try:
-            return ImageCircle(width, height, circle_of(self.circle_px, sample), self.sky_inside)
-        except DataError as error:
-            other = proposal(sample, given=self.circle_px is not None)
-            raise DataError(str(error) if other is None else f"{error}; or, as {other}") from error
-
-    def _declared(self, sample: Sequence[DecodedImage]) -> Panorama | None:
-        """The kind of panorama that the files are said to be, by the setting or by the preset of their names."""
-        preset, (height, width) = self._preset_panorama, sample[0].shape
-        if self.panorama is not None or self.circle_px is not None or self.sky_inside or preset is None:
-            return self.panorama
-        return preset if width >= WIDE * height else None
-
     @property
-    def _preset_panorama(self) -> Panorama | None:
-        return found.panorama if (found := self._naming()) else None
-
-    def _check_no_circle(self, reason: str) -> None:
-        if self.circle_px is not None or self.sky_inside:
-            raise ConfigError(
-                f"circle_px or sky_inside is given, but {reason};"
-                " leave them out (a rim is rim_px in a camera's file), or the file or panorama"
-            )
+    def camera_choice(self) -> CameraChoice:
+        """What the settings say of the camera."""
+        preset = found.panorama if (found := self._naming()) else None
+        return CameraChoice(self.camera_file, self.panorama, self.circle_px, self.sky_inside, preset, self.names)
 
     @property
     def camera_file(self) -> CameraFile:
@@ -308,42 +250,24 @@ class Folder:
     @property
     def circle_is_doubtful(self) -> bool:
         """Whether the circle is a guess for pictures that are not square, as the frame of a mirror's circle may well be."""
-        camera = self.optics.camera
-        return self.guessed_circle and abs(camera.width / camera.height - 1) > NEARLY_SQUARE
+        return self.camera_choice.is_doubtful(self.optics.camera)
 
     @property
     def guessed_circle(self) -> bool:
         """Whether the circle is but the one inscribed in the frame, as nothing tells where it is."""
-        camera = self.optics.camera
-        return self.circle_px is None and camera.circle == inscribed((camera.height, camera.width))
+        return self.camera_choice.is_guess(self.optics.camera)
 
     @cached_property
     def remarks(self) -> dict[str, str]:
         """What a user should know of how the files are read, a sentence a topic, as far as a sample shows it."""
         alike = most_alike(self.sample)
         files = {name: remarks.of_file(image, self.exif_orientation) for name, image in self.sample.items()}
-        panorama = self._about_panorama(alike)
         other = {
-            "panorama": panorama,
-            "circle": GUESSED if self.circle_is_doubtful and panorama is None else None,
             "bits": remarks.of_range(alike, self.bits),
             "depth maps": remarks.of_depths({name: image.deep for name, image in self.sample.items()}),
         }
-        return remarks.of_files(files) | {topic: text for topic, text in other.items() if text is not None}
-
-    def _about_panorama(self, alike: Sequence[DecodedImage]) -> str | None:
-        """Panoramas that are taken for mirror pictures, and mirror pictures that are declared to be panoramas."""
-        if isinstance(self.optics.camera, ImageCircle):
-            preset, shape = self._preset_panorama, self.optics.camera
-            if preset is not None and shape.width < WIDE * shape.height:
-                return (
-                    f"the set names={self.names} is of {PLURALS[preset]} as published, but the pictures are {shape.width} x"
-                    f" {shape.height} pixels: they are taken for mirror pictures"
-                )
-            return proposal(alike, None if self.guessed_circle else shape.circle, given=self.circle_px is not None)
-        if self._declared(alike) is None or (sentence := doubt(alike)) is None:
-            return None
-        return f"{sentence} sensor.panorama" if self.panorama else f"{sentence} sensor.names={self.names}"
+        known = {topic: text for topic, text in other.items() if text is not None}
+        return remarks.of_files(files) | self.camera_choice.remarks(self.optics.camera, alike) | known
 
     def _warn(self, sentences: Mapping[str, str]) -> None:
         """Log what was not logged before."""

@@ -38,7 +38,10 @@ class Optics:
             raise DataError(
                 f"{name} has {bits[0]} bits a sample, the recording {bits[1]} (sensor.pattern can leave out files)"
             )
-        pixels = image.pixels
+        return self.prepared(image.pixels)
+
+    def prepared(self, pixels: Bytes) -> Bytes:
+        """Pixels (H, W[, 3]) of the recording's size, blanked in place and flipped."""
         pixels[self.unseen] = 0
         return pixels[:, ::-1] if self.mirrored else pixels
 

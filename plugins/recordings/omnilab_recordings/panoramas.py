@@ -8,7 +8,8 @@ from enum import Enum
 import numpy as np
 
 from omnilab.api import Circle, Floats
-from omnilab.cameras import CylindricalCamera, EquirectangularCamera
+from omnilab.cameras import CylindricalCamera, EquirectangularCamera, RayCamera
+from omnilab.cameras.dual_fisheye import side_by_side
 from omnilab.errors import ConfigError, DataError
 from omnilab_recordings.images.circle import inscribed
 from omnilab_recordings.images.decoding import DecodedImage
@@ -20,6 +21,7 @@ LEAST_WIDE, WIDE, NO_MIRROR = (
     1.98,
     3.0,
 )  # width over height: of strips that close, of spheres, of no mirror's frame
+TWO_CIRCLES = 1.8, 2.2  # width over height of two circles side by side
 MOVING = 3  # images from which on what changes between them is compared
 PLAIN = 0.05  # of the usual variance: columns with less are plain
 CLOSES, APART = 0.65, 0.45  # of the correlation of neighbouring columns: at least and at most that of the ends
@@ -27,10 +29,11 @@ LIKE_NEIGHBOURS = 0.25  # least correlation of neighbouring columns that tells a
 
 
 class Panorama(Enum):
-    """Panoramas over 360 degrees as cameras and phones lay them out: the front in the middle, azimuth clockwise."""
+    """Pictures over 360 degrees as cameras and phones lay them out: the front in the middle, azimuth clockwise."""
 
     equirectangular = "equirectangular"  # rows evenly spaced in elevation; 2:1 is the whole sphere
     strip = "strip"  # a cylinder: verticals are straight, rows evenly spaced in height on it
+    dual_fisheye = "dual_fisheye"  # not stitched yet: two circles side by side, ahead and back, of 190 degrees each
 
 
 def panorama_kind(name: Panorama | str) -> Panorama:
@@ -42,7 +45,23 @@ def panorama_kind(name: Panorama | str) -> Panorama:
         raise ConfigError(f"panorama={name!r} is none that is read; give one of {kinds}, or null") from None
 
 
-PLURALS = {Panorama.equirectangular: "equirectangular panoramas", Panorama.strip: "panoramic strips"}
+PLURALS = {
+    Panorama.equirectangular: "equirectangular panoramas",
+    Panorama.strip: "panoramic strips",
+    Panorama.dual_fisheye: "pairs of fisheye pictures",
+}
+
+
+def declared_camera(kind: Panorama, width: int, height: int) -> RayCamera:
+    """The camera of pictures of a size that are said to be of that kind; DataError if that cannot be."""
+    if kind is not Panorama.dual_fisheye:
+        return panorama_camera(kind, width, height)
+    if not TWO_CIRCLES[0] <= width / height <= TWO_CIRCLES[1]:
+        raise DataError(
+            f"sensor.panorama=dual_fisheye, but {width} x {height} pixels are no two circles side by side, which are twice as"
+            " wide as high; leave it out, or give a camera.json"
+        )
+    return side_by_side(width, height)
 
 
 def panorama_camera(kind: Panorama, width: int, height: int) -> EquirectangularCamera | CylindricalCamera:

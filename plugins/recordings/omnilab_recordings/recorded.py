@@ -17,6 +17,7 @@ from omnilab.geometry import planar_poses
 from omnilab.posegraph.graph import inverse, vectors
 from omnilab.trajectory import clocks, plausibility
 from omnilab.trajectory.files import read_trajectory
+from omnilab_recordings.bags.camera_poses import trajectory_of
 
 log = logging.getLogger("omnilab")
 
@@ -39,9 +40,10 @@ class Recorded:
     The file is one that `omnilab.trajectory.files.read_trajectory` reads, with the poses of the camera (of a robot, where
     the camera stands over its centre and looks ahead). With stamps, a pose is interpolated at the time of the image, on
     the sensor's clock; without, the file's rows are the frames of the plan. The covariance is of the settings below.
+    With `topic` the file is a bag of ROS or an MCAP log, as of the sensor `rosbag`, and the poses are those of its body.
     """
 
-    file: str = "???"  # the poses: TUM's format, or a CSV
+    file: str = "???"  # the poses: TUM's format, or a CSV; with `topic`, a log
     translation_noise: float = setting(
         0.05, at_least=0, at_most=1000
     )  # standard deviation of x and of y, as a share of the step
@@ -50,6 +52,7 @@ class Recorded:
         0.5, at_least=1e-12, at_most=1e6
     )  # standard deviation of the heading, however little the camera turns
     turn_noise: float = setting(0.02, at_least=0, at_most=1000)  # and besides, as a share of the turn
+    topic: str | None = None  # of a log: an Odometry, a PoseStamped or the like
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -93,7 +96,9 @@ class Recorded:
 
     @cached_property
     def _record(self) -> _Record:
-        path = read_trajectory(Path(self.file), level=True)
+        path = (
+            read_trajectory(Path(self.file), level=True) if self.topic is None else trajectory_of(self.file, self.topic)
+        )
         plausibility.warn(self.file, path)
         stamps = path.stamps_ns
         if stamps is not None and (seldom := clocks.about_seldom(stamps)):

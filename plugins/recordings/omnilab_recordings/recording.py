@@ -22,6 +22,7 @@ from omnilab_recordings.poses.positions import Positions, positions_in
 from omnilab_recordings.poses.trajectory_poses import poses_of_images
 
 POSITIONS_FILE = "positions.csv"
+STAMPS_FILE = "stamps.csv"  # of a data set without positions: when its images were taken
 STAMP_STEP_NS = 100_000_000  # between images of a recording without stamps
 SHOWN = 3  # names in a message
 
@@ -34,6 +35,7 @@ class Recording:
     images: Sequence[str]  # (N,)
     positions: Positions | None
     poses_of: str = ""  # what gave the positions: a file, or the names
+    times_ns: Ints | None = None  # (N,) where a file says them, and no positions
 
     def rows(self, layout: PoseRequest) -> Ints:
         """Rows of the images that a layout takes; DataError, with what there is, where it takes none."""
@@ -51,7 +53,7 @@ class Recording:
     def stamps_ns(self, names: Iterable[str]) -> Ints:
         """When images were taken (n,), int64: as recorded or, where that is not known, ten a second."""
         rows = np.array([self._row[name] for name in names], np.int64)
-        recorded = None if self.positions is None else self.positions.stamps_ns
+        recorded = self.times_ns if self.positions is None else self.positions.stamps_ns
         return rows * STAMP_STEP_NS if recorded is None else recorded[rows]
 
     @cached_property
@@ -81,7 +83,7 @@ class Recording:
             return "ask for all that was recorded, or mend the positions, which are in metres"
         if self.grid is None:
             return "ask for all that was recorded, or add the columns ix and iy (the place in the grid)"
-        return "ask for a grid of its rows and columns, or for what was recorded beside it, e.g. study.queries=rest"
+        return "ask for a grid of its rows and columns, or for what was recorded beside it, e.g. study.queries=rest, of robustness study.every=2"
 
     def __str__(self) -> str:
         where = "without positions"
@@ -127,7 +129,9 @@ def open_recording(
         return Recording(folder, found, positions_of(found, names), "poses in names")
     known = _positions_of(folder, positions, found)
     if known is None:
-        return Recording(folder, found, None)
+        return Recording(
+            folder, found, None, times_ns=_times_of(folder, found) if positions == POSITIONS_FILE else None
+        )
     known = replace(known, images=as_on_disk(known.images, found))
     beside = {str(PurePosixPath(name).parent) for name in known.images}
     found = [name for name in found if str(PurePosixPath(name).parent) in beside]
@@ -164,6 +168,17 @@ def _positions_of(folder: Path, positions: str | None, found: Sequence[str]) -> 
         raise DataError(f"the positions file {folder / positions} does not exist; give sensor.positions=FILE or null")
     table = read_table(file)
     return poses_of_images(table, found) if table.is_trajectory else positions_in(table)
+
+
+def _times_of(folder: Path, found: Sequence[str]) -> Ints | None:
+    """The times of images (N,) that `stamps.csv` says; None without it. DataError if it is not of these images."""
+    file = folder / STAMPS_FILE
+    if not is_file(file):
+        return None
+    table = read_table(file)
+    if (stamps := table.stamps_ns()) is None or table.images() != list(found):
+        raise DataError(f"{file} does not name the times of the {len(found)} images there; mend it, or remove it")
+    return stamps
 
 
 def _check_no_file(folder: Path, positions: str | None) -> None:

@@ -226,7 +226,8 @@ def test_what_cannot_be_checked(write_recording, tmp_path):
         check([str(root), "-o", str(root.parent / "found.png")])
 
 
-def test_it_is_a_command():
+def test_the_commands():
     commands = {}
     register_commands(lambda name, command: commands.update({name: command}))
-    assert commands == {"check": check}
+    assert sorted(commands) == ["calibrate", "camera", "check", "convert", "dataset"]
+    assert commands["check"].load() is check

@@ -229,12 +229,12 @@ def test_two_fisheyes_side_by_side_are_no_panorama(tmp_path):
     v, u = np.indices((100, 200))
     inside = np.minimum(np.hypot(u - 49.5, v - 49.5), np.hypot(u - 149.5, v - 49.5)) <= 48
     write(tmp_path, [np.where(inside, world(EquirectangularCamera(200, 100), i), 3).astype(np.uint8) for i in range(6)])
-    with pytest.raises(
-        DataError, match=r"show two circles, .* give sensor\.circle_px=\[cx,cy,radius\] of one, or stitch"
-    ) as refused:
+    advice = r"show two circles, .* give sensor\.panorama=dual_fisheye, or sensor\.circle_px=\[cx,cy,radius\] of one"
+    with pytest.raises(DataError, match=advice) as refused:
         read_all(Folder(tmp_path))
     assert "continues at the left" not in str(refused.value)
     read_all(Folder(tmp_path, circle_px=[49.5, 49.5, 48]))  # what it proposes
+    read_all(Folder(tmp_path, panorama="dual_fisheye"))
 
 
 def test_a_camera_that_says_so_is_believed(tmp_path, caplog):

@@ -183,6 +183,11 @@ def _batch(found: dict[int, Field]) -> pa.RecordBatch:
 
 def _log_ns(batch: pa.RecordBatch, found: dict[int, Field]) -> int | None:
     """When the first row was logged; KeyError or ValueError if names and number are not those of a chunk of the message."""
+    if found.get(7, 0) not in {
+        0,
+        1,
+    }:  # whether it is static: a lost last byte, and the first of the next message in its place
+        raise ValueError("neither true nor false")
     about = batch.schema.metadata
     number = int(about[b"rerun:id"].removeprefix(b"chunk_"), 16)
     if 6 in found:

@@ -26,8 +26,8 @@ from omnilab.api import (
 )
 from omnilab.image import encode
 from omnilab_rerun.colors import PLACE, TRUTH, VERDICT, Color, heat
+from omnilab_rerun.records_seen import spacing_m, surface_height_m
 
-LONE_M = 0.2  # spacing of a map with a single place
 Drawing = Iterator[tuple[str, list[rr.AsComponents]]]  # what to append to the record's path, archetypes
 
 
@@ -63,29 +63,6 @@ def draw(record: Record, spacing_m: float) -> Drawing:
             raise TypeError(f"{type(record).__name__} has no drawing")
 
 
-def points_of(record: Record) -> Floats:
-    """Where a record is in the world (P, 3); none of most."""
-    match record:
-        case Mesh():
-            return record.vertices_m
-        case PointCloud():
-            return record.points_m
-        case PlaceMap() | Graph():
-            return record.position_m
-        case _:
-            return np.zeros((0, 3))
-
-
-def spacing_m(position_m: Floats) -> float:
-    """How far apart positions (P, 3) are on average, as if they were spread evenly over the plan."""
-    extent = np.ptp(position_m[:, :2], axis=0) if len(position_m) else np.zeros(2)
-    if not extent.any():
-        return LONE_M
-    if extent.min() == 0:
-        return float(extent.max() / (len(position_m) - 1))
-    return float(np.sqrt(extent.prod() / len(position_m)))
-
-
 def _places(places: PlaceMap, spacing_m: float) -> list[rr.AsComponents]:
     dots = rr.Points3D(places.position_m, radii=0.1 * spacing_m, colors=PLACE)
     if places.heading_rad is None:
@@ -115,7 +92,7 @@ def _field(field: DistanceField) -> Drawing:
     dots = rr.Points3D(position, radii=0.32 * spacing_m(position), colors=colors)
     yield "", [dots, rr.AnyValues(distance=values)]
     if len(triangles := _triangles(position[:, :2].tobytes())):
-        height = 0.3 * np.ptp(position[:, :2], axis=0).max()
+        height = surface_height_m(np.ptp(position, axis=0))
         surface = position + np.outer(share, [0, 0, height]).astype(np.float32)
         yield "/surface", [rr.Mesh3D(vertex_positions=surface, triangle_indices=triangles, vertex_colors=colors)]
 
@@ -179,4 +156,11 @@ def _pose(pose: Pose, spacing_m: float) -> list[rr.AsComponents]:
 
 
 def _mesh(mesh: Mesh) -> rr.Mesh3D:
-    return rr.Mesh3D(vertex_positions=mesh.vertices_m, triangle_indices=mesh.triangles, vertex_colors=mesh.colors)
+    """A wall that is seen from its front alone hides no room from who looks in from outside."""
+    sides = rr.components.MeshFaceRendering.Front if mesh.one_sided else rr.components.MeshFaceRendering.DoubleSided
+    return rr.Mesh3D(
+        vertex_positions=mesh.vertices_m,
+        triangle_indices=mesh.triangles,
+        vertex_colors=mesh.colors,
+        face_rendering=sides,
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,8 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omnilab.api import (
-    Floats,
-    PlaceMap,
+    Panel,
     Progress,
     Record,
     RunResult,
@@ -26,7 +26,11 @@ from omnilab.api import (
 from omnilab.errors import ConfigError, DataError
 from omnilab.log_times import LogTimes
 from omnilab.manifest import read_manifest
+from omnilab.run_header import HEADER
+from omnilab_rerun.curves import Curves
 from omnilab_rerun.ports import LOOPBACK, is_free
+from omnilab_rerun.records_seen import RecordsSeen
+from omnilab_rerun.shown_header import ShownHeader
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -41,8 +45,9 @@ class RerunSink:
 
     Records without a tick are static. The others lie on the timelines `step` (the study's), `sensor_time` (the sensor's
     clock) and `log_time` (the run's, on which all of a step lies where its first record was logged). What run it is, and
-    how it ended, are properties of the recording, which Rerun's catalog lists as columns. The layout is sent with the first record that has a tick: what was logged
-    before it decides from where its maps are seen.
+    how it ended, are properties of the recording, which Rerun's catalog lists as columns. The layout is there before the
+    first image, with the run's header above it, and changes in its place: what was logged decides from where maps are seen,
+    and what is shown.
     """
 
     live: bool = False  # serve the run on loopback while it goes on; `rerun --connect` shows it
@@ -59,7 +64,7 @@ class RerunSink:
         import rerun as rr
 
         from omnilab_rerun import properties
-        from omnilab_rerun.drawing import LONE_M
+        from omnilab_rerun.sent_layout import SentLayout
         from omnilab_rerun.writing import RecordingFile
 
         (folder / FILE).open("wb").close()  # rerun's own error names no path
@@ -74,10 +79,11 @@ class RerunSink:
         self._failed = False
         properties.begin(self._stream, self._manifest)
         self._times, self._tick = LogTimes(), Tick(0, 0)
-        self._spacing_m = LONE_M
-        self._curves: set[str] = set()
-        self._extents: dict[str, Floats] = {}
+        self._seen, self._curves = RecordsSeen(), Curves()
+        self._header, self._sent = ShownHeader(), SentLayout(self._stream, self._manifest.folder.parent.name)
         self._layout: ViewLayout | None = None
+        self._outdated = self._going = False
+        self._result: RunResult | None = None
 
     def _server(self) -> list[rr.GrpcServerSink]:
         """The live server, if wanted. A taken port is found here, for rerun would only print it."""
@@ -96,30 +102,33 @@ class RerunSink:
         """Take one record; ValueError if it has no form in Rerun, DataError if the file takes no more."""
         from rerun.error_utils import catch_and_log_exceptions
 
-        self.flush()
+        self._check()
         if tick is not None:
             self._tick = tick
+            self._outdated |= not self._going
+            self._going = True
             self._lay_out()
         try:
             with catch_and_log_exceptions(strict=True):  # else it warns, and writes half of the record
                 self._take(path, record, tick)
         except RuntimeError as error:
-            self.flush()  # was it the file?
+            self._check()  # was it the file?
             raise ValueError(str(error)) from error
 
     def _take(self, path: str, record: Record, tick: Tick | None) -> None:
         match record:
             case Progress():
                 self._times.now()
+                self._header.note(record)
+                self._show_progress()
             case ViewLayout():
-                self._layout = record
+                self._layout, self._outdated = record, True
             case Series():
                 self._send_curve(path, record)
             case _:
-                if isinstance(record, PlaceMap):
-                    self._space(record)
-                if tick is None:
-                    self._measure(path, record)
+                self._outdated |= self._seen.add(path, record, still=tick is None)
+                if tick is None and isinstance(record, Text) and path.strip("/") == HEADER:
+                    self._begin(record)
                 self._draw(path, record, tick)
 
     def _draw(self, path: str, record: Record, tick: Tick | None) -> None:
@@ -129,59 +138,56 @@ class RerunSink:
         log_ns = self._times.now() if tick is None else self._times.of_step(tick.step)
         if isinstance(record, Text) and not record.markdown:
             tick = tick or self._tick  # a static line would replace the last one: it goes where the run is
-        for part, archetypes in draw(record, self._spacing_m):
+        for part, archetypes in draw(record, self._seen.spacing_m):
             if tick is None:
                 self._stream.log(path + part, components(*archetypes), static=True, strict=True)
             else:  # `log` would add a time of its own
                 times = owned(_columns([tick.step], [tick.stamp_ns], [log_ns]))
                 self._stream.send_columns(path + part, times, row(*archetypes), strict=True)
 
-    def _space(self, places: PlaceMap) -> None:
-        """Remember how fine the map is, for what is drawn."""
-        from omnilab_rerun.drawing import LONE_M, spacing_m
-
-        if not len(places.position_m):
-            return
-        # markers as large as the spacing of a coarse map would hide it, those of a very fine one would be too small
-        extent = float(np.ptp(places.position_m, axis=0).max()) or 25 * LONE_M
-        self._spacing_m = float(np.clip(spacing_m(places.position_m), extent / 150, extent / 25))
-
-    def _measure(self, path: str, record: Record) -> None:
-        """Remember how large the world is, for the eye."""
-        from omnilab_rerun.blueprint import absolute
-        from omnilab_rerun.drawing import points_of
-
-        points = points_of(record)
-        if absolute(path) not in self._extents and len(points):
-            self._extents[absolute(path)] = np.stack([np.min(points, 0), np.max(points, 0)])
-
     def _lay_out(self) -> None:
-        """Send the layout, once: of several, mending a torn file would pick any."""
+        """Send the layout, if it has changed."""
         from omnilab_rerun.blueprint import blueprint
 
-        if self._layout is not None:
-            self._stream.send_blueprint(blueprint(self._layout, self._extents))
-            self._layout = None
+        if self._layout is not None and self._outdated:
+            self._sent.send(blueprint(self._layout, self._seen, self._result, self._going))
+            self._outdated = False
+
+    def _begin(self, header: Text) -> None:
+        """Take the run's header, above which a layout lies from the first one on."""
+        self._header.begin(header)
+        if self._layout is None:
+            self._layout, self._outdated = ViewLayout([[Panel("log", "Log", ["log"])]]), True
+            self._lay_out()
+
+    def _show_progress(self) -> None:
+        if (header := self._header.due()) is not None:
+            self._draw(HEADER, header, None)
 
     def _send_curve(self, path: str, series: Series) -> None:
         import rerun as rr
 
         from omnilab_rerun.owned import components, owned
 
-        if path not in self._curves:
-            self._curves.add(path)
-            name = f"{path.rsplit('/', 1)[-1]} [{series.unit}]"
-            colors = None if series.color is None else [series.color]
-            self._stream.log(path, components(rr.SeriesLines(names=name, colors=colors)), static=True, strict=True)
+        self._seen.add(path, series, still=False)
+        if (style := self._curves.new_style(path, series, self._seen.top(path))) is not None:
+            self._stream.log(path, components(rr.SeriesLines(**style)), static=True, strict=True)
         times = _columns(series.steps, series.stamps_ns, self._times.of_steps(series.steps))
         values = rr.Scalars.columns(scalars=series.values)
         self._stream.send_columns(path, owned(times), owned(values), strict=True)
 
     def flush(self) -> None:
-        """DataError if the file takes no more. Rerun hands over what was logged by itself, within a tenth of a second.
+        """Show how far the run is; DataError if the file takes no more.
 
-        It is not asked to: asked while its writer gives up, it would wait for ever.
+        Rerun hands over what was logged by itself, within a tenth of a second. It is not asked to: asked while its writer
+        gives up, it would wait for ever.
         """
+        self._check()
+        self._lay_out()
+        self._show_progress()
+
+    def _check(self) -> None:
+        """DataError if the file takes no more."""
         import rerun as rr
 
         if not self._file.is_written():
@@ -194,7 +200,8 @@ class RerunSink:
         """Say how the run ended, in the properties of the recording."""
         from omnilab_rerun import properties
 
-        self.flush()
+        self._check()
+        self._result, self._going, self._outdated = result, False, True
         properties.end(self._stream, self._manifest, result)
 
     def close(self) -> None:
@@ -203,7 +210,8 @@ class RerunSink:
 
         if not self._failed:
             self._lay_out()
-        end(self.__dict__.pop("_stream"), self._file)  # sinks pickle, streams do not
+        self.__dict__.pop("_sent").close()  # sinks pickle, streams do not
+        end(self.__dict__.pop("_stream"), self._file)
         if not self._failed and not self._file.is_whole():
             raise DataError(f"{FILE} could not be completed; make room on the disk")
 
@@ -219,17 +227,24 @@ class RerunSink:
         screenshot: Path | None = None,
         step: int | None = None,
         size: tuple[int, int] = (1600, 900),
+        header: str = "",
     ) -> None:
         """Open the recording in the viewer and wait until it is closed, or take its picture without a display.
 
-        `step` is the moment shown in the picture (None: the last one that has an image), `size` the picture's in pixels.
+        `step` is the moment shown in the picture (None: the last), `size` the picture's in pixels, `header` (in Markdown) is
+        shown in place of the recording's own: a run that was killed could not say so.
         """
-        from omnilab_rerun.viewer import show, take_picture
+        from omnilab_rerun.shown_header import part_with
+        from omnilab_rerun.viewer import check_there, show, take_picture
 
-        if screenshot is None:
-            show(folder / FILE)
-        else:
-            take_picture(folder / FILE, screenshot, step, size)
+        recording = folder / FILE
+        check_there(recording)
+        with part_with(header, recording) if header else nullcontext() as part:
+            parts = [part] if part else []
+            if screenshot is None:
+                show(recording, *parts)
+            else:
+                take_picture(recording, screenshot, step, size, *parts)
 
 
 def _columns(steps: ArrayLike, stamps_ns: ArrayLike, log_ns: ArrayLike) -> list[rr.TimeColumn]:

@@ -13,6 +13,7 @@ from omnilab.hooks import Runs
 from omnilab_rerun.sink import RerunSink
 
 LATEST, STATUS = Path("logs/latest"), "status.json"
+CONCLUDED = ("done", "failed", "interrupted")  # states of which the recording itself tells
 
 
 def view(runs: Runs, argv: Sequence[str]) -> int:
@@ -25,7 +26,9 @@ def view(runs: Runs, argv: Sequence[str]) -> int:
 
             save_several(runs, folders, options.save)
         elif len(folders) == 1:
-            RerunSink().view(runs.ready(folders[0]), screenshot=options.screenshot, step=options.step)
+            ready, now = runs.ready(folders[0]), runs.summary(folders[0])
+            header = "" if now.state in CONCLUDED else now.header
+            RerunSink().view(ready, screenshot=options.screenshot, step=options.step, header=header)
         else:
             from omnilab_rerun.several import view_several
 
@@ -67,5 +70,5 @@ def _parser() -> argparse.ArgumentParser:
     how = parser.add_mutually_exclusive_group()
     how.add_argument("--save", type=Path, metavar="FILE.rrd", help="write the runs side by side as this recording")
     how.add_argument("--screenshot", type=Path, metavar="FILE.png", help="write this PNG instead of opening a window")
-    add("--step", type=int, help="the step to show in the picture (default: the last with an image)")
+    add("--step", type=int, help="the step to show in the picture (default: the last)")
     return parser

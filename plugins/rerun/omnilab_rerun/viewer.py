@@ -28,7 +28,7 @@ MOST_SPANS = 8  # of steps that are named one by one
 
 def show(recording: Path, *parts: Path) -> None:
     """Open the viewer on a recording, be it in parts, and wait until it is closed; DataError if it does not start."""
-    _exists(recording)
+    check_there(recording)
     call = [binary(), str(recording), *map(str, parts), "--bind", LOOPBACK, "--port", "auto"]
     ended = subprocess.run(call, env=quiet_environment(), stderr=subprocess.PIPE, text=True, check=False)
     if ended.returncode:
@@ -48,7 +48,7 @@ def take_picture(
     """
     if picture.suffix.lower() != ".png":
         raise ConfigError(f"the picture {picture} would be a PNG by another name; give {picture.with_suffix('.png')}")
-    _exists(recording)
+    check_there(recording)
     part = picture.with_name(f".{picture.name}.{os.getpid()}-{secrets.token_hex(4)}.part")  # of this process alone
     try:
         if picture.is_dir():
@@ -58,11 +58,11 @@ def take_picture(
     except OSError as error:
         raise DataError(f"the picture {picture} cannot be written ({error.strerror}); give another path") from error
     try:
-        steps, last_image = steps_of(recording)
+        steps = steps_of(recording)
         if step is not None and step not in steps:
             there = f"it has {_spans(steps)}" if steps else "it has none; leave --step out"
             raise ConfigError(f"{title or recording} has no step {step}; {there}")
-        part.write_bytes(_seen([recording, *parts], last_image if step is None else step, size))
+        part.write_bytes(_seen([recording, *parts], max(steps, default=None) if step is None else step, size))
         part.replace(picture)
     finally:
         part.unlink(missing_ok=True)
@@ -82,19 +82,15 @@ def _spans(steps: Collection[int]) -> str:
     return ", ".join(words)
 
 
-def steps_of(recording: Path) -> tuple[set[int], int | None]:
-    """The steps at which something was logged, and the last of them with an image."""
-    steps, images = set[int](), set[int]()
+def steps_of(recording: Path) -> set[int]:
+    """The steps at which something was logged."""
+    steps = set[int]()
     try:
         for chunk in RrdReader(recording).stream().filter(has_timeline="step"):
-            batch = chunk.to_record_batch()
-            logged = batch.column("step").cast("int64").to_pylist()
-            steps.update(logged)
-            if "EncodedImage:blob" in batch.schema.names:
-                images.update(logged)
+            steps.update(chunk.to_record_batch().column("step").cast("int64").to_pylist())
     except RuntimeError as error:
         raise DataError(f"{recording} cannot be read back; mend it: omnilab repair {recording.parent}") from error
-    return steps, max(images, default=None)
+    return steps
 
 
 def _seen(recordings: Sequence[Path], step: int | None, size: tuple[int, int]) -> bytes:
@@ -179,6 +175,7 @@ def _no_viewer(code: int, log: str) -> _NoViewer:
     return _NoViewer(f"the Rerun viewer ended with code {code} ({complaint(log)}); run `rerun` by hand to see why")
 
 
-def _exists(recording: Path) -> None:
+def check_there(recording: Path) -> None:
+    """DataError if there is no such recording."""
     if not recording.exists():
         raise DataError(f"{recording} does not exist; run the experiment with the sink rerun")

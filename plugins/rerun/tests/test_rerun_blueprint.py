@@ -41,6 +41,7 @@ def one(blueprint, component):
 def test_every_panel_becomes_a_view_of_its_records(recorded):
     shown = views(recorded([("layout", LAYOUT, None)]).blueprint())
     assert shown == {
+        "Run": ("TextDocument", ["$origin/**"]),
         "Room": ("3D", ["+ /room/**", "+ /places/**", "+ /distance/**", *_no_surfaces("room", "places", "distance")]),
         "Image": ("2D", ["+ /image/**"]),
         "Surface": ("3D", ["+ /distance/**"]),
@@ -62,7 +63,7 @@ def test_columns_stand_side_by_side_with_their_widths_and_time_is_the_step(recor
         for path, parts in blueprint
         if "ContainerBlueprint:contents" in parts
     ]
-    assert sorted(stacked) == [1, 2, 3, 3], "columns of 1, 2 and 3 panels in a row of 3"
+    assert sorted(stacked) == [1, 2, 2, 3, 3], "columns of 1, 2 and 3 panels in a row of 3, below the header"
     assert one(blueprint, "TimePanelBlueprint:timeline") == ["step"]
 
 

@@ -171,7 +171,7 @@ def test_a_step_that_was_not_logged_is_refused(run, tmp_path, viewer, step):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["run.rrd"]
 
 
-@pytest.mark.parametrize(("step", "expected"), [(None, 8), (3, 3), (9, 9)])
+@pytest.mark.parametrize(("step", "expected"), [(None, 9), (3, 3), (8, 8)])
 def test_the_step_that_is_named_is_shown(run, tmp_path, viewer, step, expected):
     shown = viewer(PNG)
     RerunSink().view(run, tmp_path / "p.png", step=step)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import rerun as rr
 
 from omnilab.api import (
     Answers,
@@ -24,7 +25,7 @@ from omnilab.api import (
 from omnilab.geometry import planar_poses
 from omnilab.image import encode
 from omnilab_rerun.colors import TRUTH, VERDICT, heat
-from omnilab_rerun.drawing import spacing_m
+from omnilab_rerun.records_seen import spacing_m
 
 AT = Tick(7, 1_234_567_891)
 GRID = np.stack([*np.meshgrid(np.arange(4) * 0.5, np.arange(3) * 0.5), np.ones((3, 4))], -1).reshape(-1, 3)
@@ -136,6 +137,13 @@ def test_mesh(recorded):
     np.testing.assert_allclose(log.rows("/room", "Mesh3D:vertex_positions")[0], GRID[:4])
     np.testing.assert_array_equal(log.rows("/room", "Mesh3D:triangle_indices")[0], triangles)
     assert log.rows("/room", "Mesh3D:vertex_colors")[0] == [packed((1, 2, 3))] * 4
+    assert log.rows("/room", "Mesh3D:face_rendering") == [[rr.components.MeshFaceRendering.DoubleSided.value]]
+
+
+def test_walls_that_are_seen_from_inside_alone(recorded):
+    walls = Mesh(GRID[:3], np.array([[0, 1, 2]]), np.zeros((3, 3), np.uint8), one_sided=True)
+    log = recorded([("room", walls, None)])
+    assert log.rows("/room", "Mesh3D:face_rendering") == [[rr.components.MeshFaceRendering.Front.value]]
 
 
 def test_point_cloud(recorded):

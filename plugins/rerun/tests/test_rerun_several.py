@@ -16,7 +16,7 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.hooks import RunSummary
 from omnilab_rerun import RerunSink, several
 from omnilab_rerun.colors import RUNS
-from omnilab_rerun.differences import differences, short_names
+from omnilab_rerun.several.differences import differences, short_names
 
 ROOM = Mesh(np.array([[-5, -4, 0], [5, 4, 0], [5, -4, 3.0]]), np.array([[0, 1, 2]]), np.zeros((3, 3), np.uint8))
 PANELS = (

@@ -48,12 +48,18 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (500_000, 500_000))
 def threads():
     task = Path("/proc/self/task")
     return sorted((t / "comm").read_text() for t in task.iterdir()) if task.is_dir() else []
+def settled():  # threads begin and end a little after the call that asks for it, and get their names later still
+    seen, now = None, threads()
+    while now != seen:
+        time.sleep(1)
+        seen, now = now, threads()
+    return now
 (Path(sys.argv[1]) / "first").mkdir()
 sink = RerunSink()
 sink.open(Path(sys.argv[1]) / "first")
 sink.write("signature", Signature(np.zeros((2, 2), np.float32)), Tick(0, 0))
 sink.close()
-before = threads()
+before = settled()
 sink.open(Path(sys.argv[1]))
 rng = np.random.default_rng(0)
 try:

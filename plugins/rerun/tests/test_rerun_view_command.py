@@ -10,6 +10,7 @@ import pytest
 
 import omnilab_rerun
 from omnilab.errors import DataError
+from omnilab.hooks import RunSummary
 from omnilab_rerun import RerunSink
 
 
@@ -19,10 +20,14 @@ class MadeUpRuns:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.requested: list[Path] = []
+        self.state = "done"
 
     def ready(self, run: Path) -> Path:
         self.requested.append(run)
         return self.folder
+
+    def summary(self, run: Path) -> RunSummary:
+        return RunSummary(run, self.state, header="### grid: as it stands")
 
 
 @pytest.fixture
@@ -50,14 +55,21 @@ def calls(monkeypatch):
 def test_the_ready_folder_is_opened_in_the_viewer(command, runs, calls, capsys, argv, requested):
     assert command(argv) == 0
     assert runs.requested == [Path(requested)]
-    assert calls == [(runs.folder, {"screenshot": None, "step": None})]
+    assert calls == [(runs.folder, {"screenshot": None, "step": None, "header": ""})]
     assert capsys.readouterr() == ("", "")
 
 
 def test_a_screenshot_is_named_on_standard_error(command, runs, calls, capsys):
     assert command(["--screenshot", "p.png", "--step", "95"]) == 0
-    assert calls == [(runs.folder, {"screenshot": Path("p.png"), "step": 95})]
+    assert calls == [(runs.folder, {"screenshot": Path("p.png"), "step": 95, "header": ""})]
     assert capsys.readouterr() == ("", "omnilab: the picture is p.png\n")
+
+
+@pytest.mark.parametrize("state", ["killed", "running", "silent"])
+def test_a_run_that_could_not_say_how_it_stands_is_shown_with_what_its_folder_says(command, runs, calls, state):
+    runs.state = state
+    assert command([]) == 0
+    assert calls == [(runs.folder, {"screenshot": None, "step": None, "header": "### grid: as it stands"})]
 
 
 def test_a_run_without_recording_is_an_error(command):

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from omnilab import hookimpl
-from omnilab.hooks import RegisterCommand, Runs
-from omnilab_serve.reports import report
-from omnilab_serve.serve_command import serve
+from omnilab.hooks import CommandIn, RegisterCommand, Runs
 
 
 @hookimpl
 def register_commands(register: RegisterCommand, runs: Runs) -> None:  # noqa: ARG001  the service reads them itself
-    register("serve", serve)
-    register("report", report)
+    register("serve", CommandIn("omnilab_serve.serve_command", "serve"))
+    register("report", CommandIn("omnilab_serve.reports.command", "report"))

@@ -165,6 +165,7 @@ def test_a_setting_without_a_value_is_named(checked):
     assert refused.value.setting == "sensor.path"
 
 
+@pytest.mark.slow
 def test_sentences_are_those_of_the_command_line(checked):
     for word in ("descriptor=hogg", "study.step_m=-1", "~sinks.nothing"):
         done = subprocess.run(

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from omnilab.api import Floats, Optimized, PoseGraph, check_settings, setting
 from omnilab.posegraph.graph import check_graph, edge_chi2, is_loop
-from omnilab_slam.factors import factors_of, noise_of, robust, values_of
+from omnilab_slam.factors import factors_of, noises_of, robust, values_of
+from omnilab_slam.gauss_newton import PoseEquations
 from omnilab_slam.kernels import REDESCENDING, Kernel, costs, weights, why
 from omnilab_slam.solvers import levenberg_marquardt, refined, with_covariances, with_trust
 from omnilab_slam.starts import Start, from_start
@@ -32,13 +33,15 @@ class GtsamBatch:
     def optimize(self, graph: PoseGraph, covariances: bool = False) -> Optimized:
         """Initial guess, Levenberg-Marquardt (twice with a redescending kernel), the last Gauss-Newton steps."""
         check_graph(graph)
-        noises, loops = [noise_of(W) for W in graph.information], is_loop(graph)
+        noises, loops = noises_of(graph.information), is_loop(graph)
         kernels = [Kernel.cauchy, self.kernel] if self.kernel in REDESCENDING else [self.kernel]
         widths = [self.kernel_width if kernel is self.kernel else None for kernel in kernels]
         stages = [
             factors_of(graph, robust(noises, loops, kernel, width))
             for kernel, width in zip(kernels, widths, strict=True)
         ]
+
+        equations = PoseEquations(graph.edges, len(graph))
 
         def weigh(edge_errors: Floats) -> Floats:
             return weights(self.kernel, self.kernel_width, loops, edge_errors)
@@ -48,11 +51,12 @@ class GtsamBatch:
             for factors in stages:
                 solved = levenberg_marquardt(factors, values, self.max_iterations, self.tolerance)
                 values, iterations, warnings = solved.values, iterations + solved.iterations, warnings + solved.warnings
-            return refined(graph, start, solved._replace(iterations=iterations, warnings=warnings), weigh)
+            return refined(graph, start, solved._replace(iterations=iterations, warnings=warnings), weigh, equations)
 
         def cost(poses: Floats) -> float:
             return float(costs(self.kernel, self.kernel_width, loops, edge_chi2(graph, poses)).sum())
 
-        found = from_start(graph, self.start, optimize, cost)
+        of_chi2 = equations if self.kernel is Kernel.none else None
+        found = from_start(graph, self.start, optimize, cost, equations=of_chi2)
         found = with_trust(found, loops, why(self.kernel))
         return with_covariances(found, stages[-1]) if covariances else found

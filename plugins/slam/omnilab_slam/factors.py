@@ -31,6 +31,15 @@ def pose_of(vector: Floats) -> Any:
     return gtsam.Pose3(matrices(vector[None])[0])
 
 
+def poses_as_gtsam(poses: Floats) -> list[Any]:
+    """Poses or motions (N, k) as GTSAM's, all at once."""
+    import gtsam
+
+    if poses.shape[1] == 3:
+        return [gtsam.Pose2(*pose) for pose in poses.tolist()]
+    return [gtsam.Pose3(T) for T in matrices(poses)]
+
+
 def vector_of(pose: Any) -> Floats:
     """A pose of GTSAM as (k,)."""
     import gtsam
@@ -44,8 +53,16 @@ def noise_of(information: Floats) -> Noise:
     """Gaussian noise model of an edge's information matrix (d, d)."""
     import gtsam
 
-    order = ROTATION_FIRST if len(information) == 6 else slice(None)
-    return gtsam.noiseModel.Gaussian.Information(information[order][:, order])
+    if len(information) == 6:
+        information = information[ROTATION_FIRST][:, ROTATION_FIRST]
+    return gtsam.noiseModel.Gaussian.Information(information)
+
+
+def noises_of(information: Floats) -> list[Noise]:
+    """Noise models of information matrices (E, d, d), one for all that are the same."""
+    keys = [W.tobytes() for W in information]
+    models = {key: noise_of(W) for key, W in dict(zip(keys, information, strict=True)).items()}
+    return [models[key] for key in keys]
 
 
 def factor_of(i: int, j: int, motion: Floats, noise: Noise) -> Any:
@@ -70,8 +87,8 @@ def values_of(poses: Floats) -> Any:
     import gtsam
 
     values = gtsam.Values()
-    for i, pose in enumerate(poses):
-        values.insert(i, pose_of(pose))
+    for i, pose in enumerate(poses_as_gtsam(poses)):
+        values.insert(i, pose)
     return values
 
 
@@ -92,8 +109,9 @@ def factors_of(graph: PoseGraph, noises: Iterable[Noise]) -> Any:
     import gtsam
 
     factors = gtsam.NonlinearFactorGraph()
-    for (i, j), motion, noise in zip(graph.edges.tolist(), graph.motions, noises, strict=True):
-        factors.add(factor_of(i, j, motion, noise))
+    kind: Any = gtsam.BetweenFactorPose2 if graph.planar else gtsam.BetweenFactorPose3
+    for (i, j), motion, noise in zip(graph.edges.tolist(), poses_as_gtsam(graph.motions), noises, strict=True):
+        factors.add(kind(i, j, motion, noise))
     factors.add(anchor(graph.poses[0]))
     return factors
 

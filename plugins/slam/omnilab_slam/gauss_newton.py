@@ -7,7 +7,7 @@ is elsewhere: on Manhattan's 3500 poses its chi2 is 10 % lower.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,48 +25,97 @@ class GaussNewtonResult(NamedTuple):
     steps: int
 
 
+class PoseEquations:
+    """Normal equations of a pose graph of N poses: a block for each pose but the first, which stays, and for each edge.
+
+    The order of elimination is GTSAM's COLAMD of the poses, worked out once: SuperLU's own of all variables takes time that grows with the
+    square of their number.
+    """
+
+    def __init__(self, edges: Ints, count: int) -> None:
+        self._edges, self._order = edges, elimination_order(edges)
+        place = np.full(count, -1)
+        place[self._order] = np.arange(count - 1)
+        rows, columns = np.repeat(place[edges], 2, axis=1).ravel(), np.tile(place[edges], 2).ravel()  # of (E, 2, 2)
+        kept = np.flatnonzero((rows >= 0) & (columns >= 0))
+        blocks, block = np.unique(rows[kept] * count + columns[kept], return_inverse=True)
+        self._summands = kept[np.argsort(block, kind="stable")]
+        self._starts = np.searchsorted(np.sort(block), np.arange(len(blocks)))
+        self._columns = (blocks % count).astype(np.int32)
+        self._rows = np.searchsorted(blocks // count, np.arange(count)).astype(np.int32)
+        self._diagonal = np.flatnonzero(blocks // count == blocks % count)
+
+    def solve(self, H: Floats, right: Floats, damping: float = 0.0) -> Floats:
+        """x (N - 1, d, c) of all poses but the first: the sum of the edges' H (E, 2, 2, d, d), its diagonal raised, times x is `right` (N, d, c)."""
+        from scipy.sparse import bsr_array, csc_array
+        from scipy.sparse.linalg import splu
+
+        d, c = right.shape[1:]
+        blocks = np.add.reduceat(H.reshape(-1, d, d)[self._summands], self._starts, axis=0)
+        k = np.arange(d)
+        blocks[self._diagonal[:, None], k, k] *= 1 + damping
+        rows = bsr_array((blocks, self._columns, self._rows), shape=(d * len(self._order),) * 2).tocsr()
+        matrix = csc_array((rows.data, rows.indices, rows.indptr), shape=rows.shape)  # it is symmetric
+        factor = splu(matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        x = np.empty((len(self._order), d, c))
+        x[self._order - 1] = factor.solve(right[self._order].reshape(-1, c)).reshape(-1, d, c)
+        return x
+
+    def right(self, g: Floats) -> Floats:
+        """The right side (N, d, c) of what each edge adds to those of its two poses, (E, 2, d, c)."""
+        count, cells = len(self._order) + 1, g[0, 0].size
+        index = cells * self._edges[:, :, None] + np.arange(cells)
+        return np.asarray(np.bincount(index.ravel(), g.ravel(), cells * count), float).reshape(count, *g.shape[2:])
+
+
+def elimination_order(edges: Ints) -> Ints:
+    """The poses (N - 1,) but the first in an order that leaves a sparse factor (COLAMD; Davis et al., 2004)."""
+    import gtsam
+
+    graph = gtsam.SymbolicFactorGraph()
+    for i, j in edges.tolist():
+        graph.push_factor(i, j)
+    order = gtsam.Ordering.ColamdSymbolicFactorGraph(graph)
+    found = np.array([order.at(k) for k in range(order.size())], int)
+    return found[found > 0]
+
+
 def gauss_newton(
-    graph: PoseGraph, poses: Floats, weigh: Callable[[Floats], Floats], max_steps: int, tolerance: float
-) -> GaussNewtonResult:
+    graph: PoseGraph, poses: Floats, weigh: Callable[[Floats], Floats], max_steps: int, tolerance: float,
+    enough: float = -np.inf, equations: PoseEquations | None = None,
+) -> GaussNewtonResult:  # fmt: skip
     """Damped Gauss-Newton from poses (N, k), the first of which stays; `weigh` turns chi2 of the edges (E,) into weights (E,).
 
     Steps are damped until they lower the weighted sum (Levenberg, 1944), and end where that falls by less than
-    `tolerance` of itself.
+    `tolerance` of itself, or once it is at most `enough`. `equations` may come from another solution of the same graph.
     """
-    weights = weigh(edge_chi2(graph, poses))
-    cost, damping, steps = float(weights @ edge_chi2(graph, poses)), 0.0, 0
+    equations, edge_errors = equations or PoseEquations(graph.edges, len(graph)), edge_chi2(graph, poses)
+    weights = weigh(edge_errors)
+    cost, damping, steps = float(weights @ edge_errors), 0.0, 0
     while steps < max_steps and damping < MAX_DAMPING:
         steps += 1
-        moved = _stepped(graph, poses, weights, damping)
+        moved = _stepped(graph, equations, poses, weights, damping)
         edge_errors = edge_chi2(graph, moved)
         if not weights @ edge_errors < cost:
             damping = max(10 * damping, 1e-4)
             continue
         gain, poses, damping = cost - float(weights @ edge_errors), moved, damping / 10 if damping > 1e-4 else 0.0
-        if gain <= tolerance * cost:
+        if gain <= tolerance * cost or cost - gain <= enough:
             break
         weights = weigh(edge_errors)
         cost = float(weights @ edge_errors)
     return GaussNewtonResult(poses, steps)
 
 
-def _stepped(graph: PoseGraph, poses: Floats, weights: Floats, damping: float) -> Floats:
+def _stepped(graph: PoseGraph, equations: PoseEquations, poses: Floats, weights: Floats, damping: float) -> Floats:
     """Poses (N, k) after one Gauss-Newton step, the diagonal raised by a damping."""
-    from scipy.sparse.linalg import splu
-
     T = matrices(poses)
     e, J = residuals(graph, poses), jacobians(graph, T)
-    W = weights[:, None, None] * graph.information
-    WJ = W[:, None] @ J  # (E, 2, d, d)
+    WJ = (weights[:, None, None] * graph.information)[:, None] @ J  # (E, 2, d, d)
     H = np.swapaxes(J[:, :, None], -1, -2) @ WJ[:, None]  # (E, 2, 2, d, d): from and to, by from and to
-    g = (np.swapaxes(WJ, -1, -2) @ e[:, None, :, None])[..., 0]  # (E, 2, d)
-    matrix, vector = _normal_equations(graph.edges, H, g, len(poses))
-    diagonal = matrix.diagonal()
-    matrix.setdiag((1 + damping) * diagonal)
-    step = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}).solve(
-        -vector
-    )
-    return _retracted(T, step.reshape(-1, e.shape[1]), graph.planar)
+    g = np.swapaxes(WJ, -1, -2) @ e[:, None, :, None]  # (E, 2, d, 1)
+    step = equations.solve(H, -equations.right(g), damping)
+    return _retracted(T, step[..., 0], graph.planar)
 
 
 def jacobians(graph: PoseGraph, T: Floats) -> Floats:
@@ -87,19 +136,6 @@ def jacobians(graph: PoseGraph, T: Floats) -> Floats:
     J[:, 0, 3:, 3:] = -right @ np.swapaxes(R_j, -1, -2) @ R_i
     J[:, 1, 3:, 3:] = right
     return J[:, :, PLANAR[:, None], PLANAR] if graph.planar else J
-
-
-def _normal_equations(edges: Ints, H: Floats, g: Floats, count: int) -> tuple[Any, Floats]:
-    """Normal equations: the sparse matrix and the vector (d (N - 1),) of all poses but the first."""
-    from scipy.sparse import coo_array
-
-    d = g.shape[-1]
-    index = d * edges[:, :, None] + np.arange(d)  # (E, 2, d)
-    rows = np.broadcast_to(index[:, :, None, :, None], H.shape)
-    columns = np.broadcast_to(index[:, None, :, None, :], H.shape)
-    matrix = coo_array((H.ravel(), (rows.ravel(), columns.ravel())), shape=(d * count, d * count)).tocsc()
-    vector = np.asarray(np.bincount(index.ravel(), g.ravel(), d * count), float)
-    return matrix[d:, d:], vector[d:]
 
 
 def _retracted(T: Floats, step: Floats, planar: bool) -> Floats:

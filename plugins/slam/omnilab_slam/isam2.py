@@ -38,9 +38,10 @@ LOOSE_SIGMA = 1.0  # m and rad: the tie of a pose whose update failed
 class GtsamIsam2:
     """iSAM2 (Kaess et al., 2012): each pose is added to a Bayes tree of which only what it touches is solved again.
 
-    Spatial graphs are solved by Cholesky, and by QR once that has failed; planar ones by QR, which stands more and costs
-    little there. `optimize` adds a graph's poses one by one, guessed from the poses there
-    are, whatever the graph's own say. Robust kernels are for loop closures; redescending ones would keep wrong ones out
+    It solves by Cholesky. Where that fails (GTSAM takes variables for undetermined of which one is known 4096 times as well as
+    the next), the tree is built anew from the same factors and linearisation points by QR, which stands more and takes longer,
+    and goes on so; that is said. `optimize` adds a graph's poses one by one, guessed from the poses there are, whatever the
+    graph's own say. Robust kernels are for loop closures; redescending ones would keep wrong ones out
     from the start and right ones after a drift.
     """
 
@@ -79,8 +80,9 @@ class GtsamIsam2:
         edge_errors = edge_chi2(graph, poses)
         weight = weights(self.kernel, self.kernel_width, loops, edge_errors)
         found = Optimized(
-            poses, chi2(graph), float(edge_errors.sum()), len(graph) - 1 + self.settle, weight, warnings=warnings
-        )
+            poses, chi2(graph), float(edge_errors.sum()), len(graph) - 1 + self.settle, weight, warnings=warnings,
+            notes=incremental.notes,
+        )  # fmt: skip
         found = with_trust(found, loops, why(self.kernel))
         if self.kernel is Kernel.none:
             found = beside_chordal(graph, found)
@@ -101,7 +103,8 @@ class Isam2Graph:
 
         self._settings, self._planar = settings, len(first_pose) == 3
         self._factors = gtsam.NonlinearFactorGraph()
-        self._factorization = "QR" if self._planar else "CHOLESKY"
+        self._factorization = "CHOLESKY"
+        self.notes: list[str] = []  # what happened, in sentences, where nothing went wrong
         self._tree = self._empty_tree()
         self._count = 0
         self._update([anchor(first_pose)], first_pose)
@@ -156,6 +159,9 @@ class Isam2Graph:
             if self._factorization == "QR" or not is_singular(error):
                 raise
             self._factorization = "QR"
+            self.notes.append(
+                f"Cholesky fails at pose {self._count}: from there on iSAM2 solves by QR, which takes longer"
+            )
             self._rebuild()
             self._tree.update(factors, values, *settings)
 

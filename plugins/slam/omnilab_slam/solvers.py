@@ -12,7 +12,7 @@ from omnilab.api import Floats, Optimized, PoseGraph
 from omnilab.errors import DataError
 from omnilab.posegraph.graph import chi2, edge_chi2
 from omnilab_slam.factors import marginals, poses_of, values_of
-from omnilab_slam.gauss_newton import gauss_newton
+from omnilab_slam.gauss_newton import PoseEquations, gauss_newton
 
 FAILURES = (RuntimeError, ValueError, IndexError)  # what GTSAM raises
 MAX_STEPS = 20  # of Gauss-Newton, at the end
@@ -80,6 +80,7 @@ def refined(
     start: Floats,
     solved: Solved,
     weigh: Callable[[Floats], Floats],
+    equations: PoseEquations | None = None,
 ) -> Optimized:
     """The last Gauss-Newton steps, and the result; `weigh` turns chi2 of the edges (E,) into their weights (E,).
 
@@ -87,12 +88,13 @@ def refined(
     """
     poses, warnings, steps = poses_of(solved.values, graph.planar), list(solved.warnings), 0
     try:
-        poses, steps = gauss_newton(graph, poses, weigh, MAX_STEPS, TOLERANCE)
+        poses, steps = gauss_newton(graph, poses, weigh, MAX_STEPS, TOLERANCE, equations=equations)
     except FAILURES as error:  # say, all that ties a pose was rejected
         warnings.append(f"the last steps failed ({brief(error)}); GTSAM's optimum is kept")
     iterations = solved.iterations + steps
-    weights = weigh(edge_chi2(graph, poses))
-    return Optimized(poses, chi2(graph, start), chi2(graph, poses), iterations, weights, warnings=warnings)
+    edge_errors = edge_chi2(graph, poses)
+    after, weights = float(edge_errors.sum()), weigh(edge_errors)
+    return Optimized(poses, chi2(graph, start), after, iterations, weights, warnings=warnings)
 
 
 def with_covariances(found: Optimized, factors: Any) -> Optimized:

@@ -13,11 +13,12 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.posegraph.graph import chi2, dead_reckoning
 from omnilab_slam.chordal import chordal
 from omnilab_slam.factors import factors_of, poses_of
-from omnilab_slam.gauss_newton import gauss_newton
+from omnilab_slam.gauss_newton import PoseEquations, gauss_newton
 from omnilab_slam.solvers import FAILURES, MAX_STEPS, TOLERANCE, brief, check_start
 
 FAR_BELOW = 0.05  # relative difference of chi2 that is more than an incremental solver's last steps
 SAME_OPTIMUM = 1e-4  # relative difference of costs below which two starts led to one optimum: solvers stop before that
+FEW_STEPS = 4  # of Gauss-Newton, from a start that is near
 
 
 class Start(Enum):
@@ -36,12 +37,13 @@ def from_start(
     optimize: Callable[[Floats], Optimized],
     cost: Callable[[Floats], float],
     far: float = np.inf,
+    equations: PoseEquations | None = None,
 ) -> Optimized:
     """The optimum from a start, or from the best of several: the one with the lowest cost.
 
     `optimize` takes the poses (N, k) to start from, `cost` tells what is minimised at poses (N, k). chi2_before is that of
     the start, of several that of the given one. A chordal start of more than `far` times the cost that the given one led
-    to is not followed.
+    to is not followed. Where the cost is chi2, give its `equations`: then Gauss-Newton tells whether both lead to one optimum.
     """
     if start is not Start.best:
         poses = initial_poses(graph, start)
@@ -52,7 +54,7 @@ def from_start(
     if len(graph.edges) < len(graph):  # a tree: no motion contradicts another, and every start meets them all
         return given
     try:
-        other = chordal(graph)
+        other = chordal(graph, equations)
     except FAILURES:  # the linear problem is singular to rounding
         return given
     if not np.isfinite(other).all() or not np.isfinite(chi2(graph, other)):
@@ -60,8 +62,20 @@ def from_start(
     reached = cost(given.poses)
     if cost(other) > far * max(reached, len(graph.edges)):  # chi2 of noise alone is about one for each edge
         return given
+    if equations and _leads_to(graph, other, reached, equations):
+        return replace(given, starts={Start.given.value: reached, Start.chordal.value: reached})
     found = optimize(other)
     return _better(given, found, {Start.given.value: reached, Start.chordal.value: cost(found.poses)})
+
+
+def _leads_to(graph: PoseGraph, start: Floats, reached: float, equations: PoseEquations) -> bool:
+    """Whether a few steps of Gauss-Newton from a start (N, k) come to the chi2 that another one has reached."""
+    slack = SAME_OPTIMUM * reached
+    try:
+        poses = gauss_newton(graph, start, np.ones_like, FEW_STEPS, TOLERANCE, reached + slack, equations).poses
+    except FAILURES:
+        return False
+    return abs(chi2(graph, poses) - reached) <= slack
 
 
 def _better(given: Optimized, found: Optimized, costs: dict[str, float]) -> Optimized:

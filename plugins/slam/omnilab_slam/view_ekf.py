@@ -16,7 +16,8 @@ from omnilab_slam.view_model import Gate, check_pose, predict_angles, usable
 class ViewEkf(Gate):
     """Extended Kalman filter over the robot's pose and those of all views (Gil et al., 2012, eq. 1 to 12).
 
-    The time of a step grows with the square of the number of views. What was linearised is never revised: where it is
+    In maps of more than 120 views the time of a step does not depend on their number, but for one now and then, when other views come
+    into sight: what observations do to all other views is postponed until then (Guivant and Nebot, 2001), which is exact. What was linearised is never revised: where it is
     unsure of headings, the estimate becomes overconfident. The trajectory of `finish` is the online estimate, step by step.
     """
 
@@ -29,12 +30,13 @@ class ViewEkf(Gate):
 class EkfMap(PoseMapEkf):
     """The robot and the views: x, y and heading of each."""
 
-    width = 3
+    width, postpones = 3, True
 
     def observe(self, views: Ints, angles_rad: Floats, covariances: Floats) -> tuple[Bools, list[str]]:
         """See `omnilab.api.ViewMap`; eq. 7 to 12, of all views at once. Each is gated by itself."""
         step, rows = len(self._trajectory) - 1, self.rows(views)
-        predicted = predict_angles(self._state[:3], self._state[rows])
+        state = self._present_state()
+        predicted = predict_angles(state[:3], state[rows])
         believed, warnings = usable(views, predicted, angles_rad, covariances, self._settings.nearest_m, step)
         if not believed.any():
             return believed, warnings
@@ -47,9 +49,12 @@ class EkfMap(PoseMapEkf):
     def add_view(self) -> int:
         """See `omnilab.api.ViewMap`."""
         n, new = self._size, self.grow()
-        P = self._cov
-        self._state[new] = self._state[:3]
-        P[new, :n], P[:n, new], P[new, new] = P[:3, :n], P[:n, :3], P[:3, :3]
+        if self._active:
+            self._active.take(np.arange(n, n + 3))
+        else:
+            P = self._cov
+            self._state[new] = self._state[:3]
+            P[new, :n], P[:n, new], P[new, new] = P[:3, :n], P[:n, :3], P[:3, :3]
         return n // 3 - 1
 
     def know_view(self, pose: Floats, covariance: Floats) -> int:
@@ -61,7 +66,7 @@ class EkfMap(PoseMapEkf):
 
     def views(self) -> Floats:
         """See `omnilab.api.ViewMap`."""
-        poses = self._state[3 : self._size].reshape(-1, 3).copy()
+        poses = self._present_state()[3:].reshape(-1, 3)
         poses[:, 2] = wrap_angle(poses[:, 2])
         return poses
 

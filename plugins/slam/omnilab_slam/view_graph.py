@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 from warnings import warn
@@ -12,7 +13,7 @@ from omnilab.api import Bools, Floats, Ints, setting
 from omnilab.geometry import wrap_angle
 from omnilab.posegraph.graph import moved
 from omnilab_slam.factors import factor_of, pose_of, poses_of, vector_of
-from omnilab_slam.solvers import FAILURES, brief, empty_tree, levenberg_marquardt
+from omnilab_slam.solvers import FAILURES, brief, empty_tree, is_singular, levenberg_marquardt
 from omnilab_slam.view_factor import noise_of_covariance, view_factor
 from omnilab_slam.view_model import (
     Gate,
@@ -34,7 +35,8 @@ MAX_ITERATIONS, TOLERANCE = 100, 1e-6  # of the last solution
 class ViewGraph(Gate):
     """Factor graph of all the robot's poses, of which some are views: motions, bearings and relative orientations.
 
-    iSAM2 (Kaess et al., 2012), by QR, solves it step by step, and linearises anew what has moved. Where a robot that has
+    iSAM2 (Kaess et al., 2012) solves it step by step, by Cholesky and, once that has failed, by QR, and linearises anew what has
+    moved. Where a robot that has
     been lost observes a view again, bearings are far from linear: an update that does not explain its observations has the
     whole graph solved (Levenberg-Marquardt), as `finish` does. Observations are gated by the covariance that the graph
     predicts, and poses are kept `nearest_m` from the views that they observe.
@@ -62,6 +64,7 @@ class GraphMap:
 
         self._settings, self._step, self._views = settings, 0, list[int]()
         self._factors = gtsam.NonlinearFactorGraph()
+        self._factorization, self._notes = "CHOLESKY", list[str]()
         self._tree = self._empty_tree()
         self._add_prior(0, pose, covariance)
 
@@ -86,7 +89,7 @@ class GraphMap:
                 f"step {new}: the motion could not be added ({brief(error)}); the robot is where it was guessed"
             )
         self._step = new
-        return warnings
+        return warnings + self._warnings()
 
     def observe(self, views: Ints, angles_rad: Floats, covariances: Floats) -> tuple[Bools, list[str]]:
         """See `omnilab.api.ViewMap`."""
@@ -117,7 +120,7 @@ class GraphMap:
             warnings.append(
                 f"step {self._step}: the observations could not be added ({brief(error)}); they are left out"
             )
-        return believed, warnings
+        return believed, warnings + self._warnings()
 
     def _unexplained(self, nodes: list[int], angles_rad: Floats, covariances: Floats) -> bool:
         """Whether an update leaves its observations farther off than `surprise`: it was far from linear."""
@@ -128,7 +131,8 @@ class GraphMap:
     def _predicted_covariances(self, nodes: list[int], predicted: PredictedAngles) -> Floats:
         """Covariances (K, 2, 2) of the predicted observations of nodes, from the joint ones of the robot with each."""
         keys = sorted({self._step, *nodes})
-        joint = self._tree.jointMarginalCovariance(keys).fullMatrix().reshape(len(keys), 3, len(keys), 3)
+        joint = self._surely(lambda: self._tree.jointMarginalCovariance(keys).fullMatrix())
+        joint = joint.reshape(len(keys), 3, len(keys), 3)
         r, k = keys.index(self._step), np.array([keys.index(node) for node in nodes])
         frames = [
             planar_rotation(self._pose(node)[2]) for node in (self._step, *nodes)
@@ -188,11 +192,32 @@ class GraphMap:
     def _covariance(self, node: int) -> Floats:
         """The marginal covariance (3, 3) of a pose, in the world's frame."""
         to_world = planar_rotation(float(self._pose(node)[2]))
-        covariance = to_world @ self._tree.marginalCovariance(node) @ to_world.T
+        covariance = to_world @ self._surely(lambda: self._tree.marginalCovariance(node)) @ to_world.T
         return np.asarray((covariance + covariance.T) / 2)
 
     def _empty_tree(self) -> Any:
-        return empty_tree(self._settings.relinearize_threshold, self._settings.relinearize_every)
+        return empty_tree(self._settings.relinearize_threshold, self._settings.relinearize_every, self._factorization)
+
+    def _surely(self, action: Callable[[], Any]) -> Any:
+        """What an action on the tree returns; should Cholesky fail, of a tree that is built again by QR, and stays so."""
+        try:
+            return action()
+        except FAILURES as error:
+            self._leave_cholesky(error)
+            self._rebuild()
+            return action()
+
+    def _leave_cholesky(self, error: Exception) -> None:
+        """From here on by QR; the error itself where that is no remedy."""
+        if self._factorization == "QR" or not is_singular(error):
+            raise error
+        self._factorization = "QR"
+        self._notes.append(f"step {self._step}: Cholesky fails: from here on iSAM2 solves by QR, which takes longer")
+
+    def _warnings(self) -> list[str]:
+        """What has happened since this was asked, in sentences."""
+        warnings, self._notes = self._notes, []
+        return warnings
 
     def _update(self, factors: list[Any], poses: dict[int, Floats]) -> None:
         import gtsam
@@ -202,14 +227,13 @@ class GraphMap:
             new.push_back(factor)
         for node, pose in poses.items():
             values.insert(node, pose_of(pose))
-        self._tree.update(new, values)
+        self._surely(lambda: self._tree.update(new, values))
         self._factors.push_back(new)
 
     def _solve(self) -> list[str]:
         """Solve the whole graph by Levenberg-Marquardt and rebuild the tree from that; warnings."""
         solved = levenberg_marquardt(self._factors, self._tree.calculateEstimate(), MAX_ITERATIONS, TOLERANCE)
-        self._tree = self._empty_tree()
-        self._tree.update(self._factors, solved.values)
+        self._plant(solved.values)
         return [f"step {self._step}: {sentence}" for sentence in solved.warnings]
 
     def _rebuild(self) -> None:
@@ -217,5 +241,13 @@ class GraphMap:
         values = self._tree.getLinearizationPoint()
         if values.exists(self._step + 1):
             values.erase(self._step + 1)
+        self._plant(values)
+
+    def _plant(self, values: Any) -> None:
+        """A new tree of all factors, linearised at these values."""
         self._tree = self._empty_tree()
-        self._tree.update(self._factors, values)
+        try:
+            self._tree.update(self._factors, values)
+        except FAILURES as error:
+            self._leave_cholesky(error)
+            self._plant(values)

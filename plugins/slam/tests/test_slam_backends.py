@@ -280,7 +280,7 @@ def test_last_steps_and_covariances_that_fail_are_warnings(monkeypatch):
 
     from omnilab_slam import solvers
 
-    def fail(*arguments):
+    def fail(*arguments, **settings):
         raise RuntimeError("Factor is exactly singular")
 
     monkeypatch.setattr(solvers, "gauss_newton", fail)

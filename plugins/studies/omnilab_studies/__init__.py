@@ -17,12 +17,15 @@ from omnilab_studies.descriptors.rotations.study import Rotations
 from omnilab_studies.local_maps.local_map.study import LocalMap
 from omnilab_studies.local_maps.room.study import Room
 from omnilab_studies.local_maps.topological_map.study import TopologicalMap
+from omnilab_studies.localization.catchment.study import Catchment
 from omnilab_studies.localization.changes.study import Changes
 from omnilab_studies.localization.grid.study import Grid
 from omnilab_studies.localization.large_map.study import LargeMap
 from omnilab_studies.localization.lifelong_map.study import LifelongMap
+from omnilab_studies.localization.live_localize.study import LiveLocalize
 from omnilab_studies.localization.localize.study import Localize
 from omnilab_studies.localization.map.study import MapStudy
+from omnilab_studies.localization.route_localization.study import RouteLocalization
 from omnilab_studies.localization.steps.study import Steps
 from omnilab_studies.matching.study import Matching
 from omnilab_studies.pose_graph.study import PoseGraphStudy
@@ -34,6 +37,7 @@ from omnilab_studies.view_slam.view_range.study import ViewRange
 
 __all__ = [
     "Altitude",
+    "Catchment",
     "Changes",
     "Cost",
     "Grid",
@@ -41,6 +45,7 @@ __all__ = [
     "LargeMap",
     "LifelongMap",
     "Linearity",
+    "LiveLocalize",
     "LocalMap",
     "Localize",
     "MapStudy",
@@ -52,6 +57,7 @@ __all__ = [
     "Robustness",
     "Room",
     "Rotations",
+    "RouteLocalization",
     "Steps",
     "TopologicalMap",
     "TrajectoryStudy",
@@ -68,6 +74,9 @@ def register_studies(register: Register) -> None:
     register("grid", Grid)
     register("map", MapStudy)
     register("localize", Localize)
+    register("live_localize", LiveLocalize)
+    register("route_localization", RouteLocalization)
+    register("catchment", Catchment)
     register("steps", Steps)
     register("changes", Changes)
     register("lifelong_map", LifelongMap)

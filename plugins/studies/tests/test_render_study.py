@@ -201,7 +201,8 @@ def test_a_recording_keeps_its_times_and_may_have_no_positions(tmp_path):
     run(tmp_path / "placed", layout=Where.recorded)
     assert [int(row["stamp_ns"]) for row in rows(tmp_path / "placed")] == [10**18 + 7 * i for i in range(5)]
     run(tmp_path / "bare", Ball(placed=False), layout=Where.recorded)
-    assert sorted(path.name for path in (tmp_path / "bare").iterdir()) == ["camera.json", "dataset.json", "images"]
+    left = sorted(path.name for path in (tmp_path / "bare").iterdir())
+    assert left == ["camera.json", "dataset.json", "images", "stamps.csv"]
 
 
 def test_frames_that_are_not_delivered_are_told_and_leave_a_gap(tmp_path):

@@ -31,6 +31,7 @@ from omnilab.runner.recorder import Recorder
 from omnilab.testing import check_study
 from omnilab.trajectory.files import read_trajectory
 from omnilab_studies import TrajectoryStudy
+from omnilab_studies.common.live.pacing import ReplayPace
 from omnilab_studies.common.pose_sources import Source
 from omnilab_studies.trajectory.front_end import FrontEnd
 from omnilab_studies.trajectory.loop_evaluation import evaluate_loops
@@ -84,13 +85,16 @@ class TrueOdometry:
     unit: str = "m"
     noise: float = 0.0
     fails: list[int] = field(default_factory=list)
+    turns: bool = False  # it knows them where it fails
 
     def extract(self, frames):
         return [int(i[8, 8]) - 10 if i.any() else Unusable("black") for i in frames.images]
 
     def estimate(self, before, now, rng):
         if now in self.fails:
-            return Motion(np.full(3, np.nan), np.eye(3), self.unit, "nothing matches")
+            turn, variance = (true_motion(before, now)[2], 1e-4) if self.turns else (np.nan, np.inf)
+            known = np.array([np.nan, np.nan, turn]), np.diag([np.inf, np.inf, variance])
+            return Motion(*known, self.unit, "nothing matches")
         vector = true_motion(before, now) * [self.factor, self.factor, 1] + self.noise * rng.standard_normal(3)
         matches = np.array([[[0.1, 0.5], [0.2, 0.5]], [[1.0, 0.5], [0.9, 0.5]]])
         agree = np.array([True, False])
@@ -187,6 +191,15 @@ def test_true_motions_make_the_true_trajectory_whatever_their_unit(run):
         assert (found["images"], found["bridged_steps"], found["problems"]) == (LAP + 2, 0, 0)
 
 
+def test_at_its_own_pace_a_log_gives_the_same_map_and_how_long_each_image_took(run):
+    stamps = [20_000_000 * i for i in range(LAP + 2)]
+    fast = run(sensor=Ring(stamps=stamps))
+    paced = run(TrajectoryStudy(pace=ReplayPace.recorded, waiting=100), sensor=Ring(stamps=stamps))
+    assert values(paced) == values(fast)
+    assert len(paced.tables["latency"]["latency_ms"]) == LAP + 2
+    assert "latency" not in fast.tables
+
+
 def test_loops_mend_what_odometry_spoils(run):
     found = values(run(odometry=TrueOdometry(noise=0.03)))
     assert found["ate"] < found["odometry_ate"]
@@ -230,6 +243,14 @@ def test_a_failed_step_is_bridged_by_the_last_one(run):
     assert (found["bridged_steps"], table["bridged"][7]) == (1, "nothing matches")
     assert found["ate"] < 0.25  # it went on ahead: the turn of one step is missing, until the loop is closed
     assert found["odometry_ate"] > found["ate"]
+
+
+def test_a_step_that_failed_for_its_length_alone_keeps_its_turn(run):
+    report, without = (run(odometry=TrueOdometry(fails=[7], turns=turns)) for turns in (True, False))
+    assert values(report)["bridged_steps"] == 1
+    assert values(report)["odometry_ate"] < values(without)["odometry_ate"] / 3
+    turned = np.diff(np.unwrap(np.deg2rad(report.tables["steps"]["odometry_heading_deg"])))
+    assert turned[6] == pytest.approx(true_motion(6, 7)[2], abs=1e-6)
 
 
 def test_another_odometry_bridges_where_the_own_one_fails(run):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from omnilab.api import Bools, Bytes, Camera, Floats, Heights, Signatures, check_settings, setting
+from omnilab.errors import ConfigError
 from omnilab.geometry import wrap_angle
 from omnilab.image import view_of
 from omnilab_appearance.common.image_pairs import check_pairs
@@ -33,6 +34,8 @@ class FeatureAltitude:
 
     def __post_init__(self) -> None:
         check_settings(self)
+        if self.detector not in {Detector.surf, Detector.sift}:
+            raise ConfigError(f"detector={self.detector.value} is of odometries; give surf or sift")
         _ = self._descriptor
 
     def relative(self, references: Bytes, tests: Bytes, camera: Camera) -> Heights:

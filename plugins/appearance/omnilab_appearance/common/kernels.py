@@ -39,6 +39,35 @@ def line_sums(padded, cos, sin, center):  # type: ignore[no-untyped-def]
     return out
 
 
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def line_sums_of_one(padded, cos, sin, center):  # type: ignore[no-untyped-def]
+    """`line_sums` (M, n) of one image (n + 4, n + 4), to the last bit: without a loop over images it takes 0.7 of the time."""
+    n, width = padded.shape[0] - 4, padded.shape[1]
+    pixels = padded.ravel()
+    out = np.empty((len(cos), n), np.float32)
+    for m in range(len(cos)):
+        for i in range(n):
+            d = i - center
+            reach = math.sqrt(max(0.0, (n / 2) ** 2 - d * d)) + 2.0
+            total = np.float32(0)
+            for j in range(max(0, int(center - reach)), min(n - 1, int(center + reach) + 1) + 1):
+                t = j - center
+                x = center + d * cos[m] + t * sin[m] + 2.0
+                y = center - d * sin[m] + t * cos[m] + 2.0
+                if x < 0.0 or y < 0.0 or x >= n + 3 or y >= n + 3:
+                    continue
+                c, r = nb.int32(x), nb.int32(y)
+                u, v = x - c, y - r
+                w00 = np.float32((1 - u) * (1 - v))
+                w01 = np.float32(u * (1 - v))
+                w10 = np.float32((1 - u) * v)
+                w11 = np.float32(u * v)
+                k = r * width + c
+                total += w00 * pixels[k] + w01 * pixels[k + 1] + w10 * pixels[k + width] + w11 * pixels[k + width + 1]
+            out[m, i] = total
+    return out
+
+
 @nb.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
 def power_sums(queries, places, weights, p):  # type: ignore[no-untyped-def]
     """Sums (Q, P) of weights (D,) times |difference|^p between queries (Q, D) and places (P, D)."""

@@ -16,7 +16,9 @@ class Detector(Enum):
     """The detector and descriptor of local features."""
 
     surf = "surf"
-    sift = "sift"
+    sift = "sift"  # OpenCV's
+    fast_sift = "fast_sift"  # compiled here
+    plain_sift = "plain_sift"  # the same of the picture as it is, which is not doubled first
 
 
 class LocalFeatures(NamedTuple):

@@ -82,12 +82,14 @@ def line_integrals(images: Floats, directions_rad: Floats, center: float | None 
     Line (i, m) has its normal at `directions_rad[m]`, counter-clockwise from image right, and lies i - center pixels
     from the point (center, center); the image's own centre by default.
     """
-    from omnilab_appearance.common.kernels import line_sums
+    from omnilab_appearance.common.kernels import line_sums, line_sums_of_one
 
     n = len(images)
     padded = np.pad(images, ((2, 2), (2, 2), (0, 0)))
-    sums = line_sums(padded, np.cos(directions_rad), np.sin(directions_rad), (n - 1) / 2 if center is None else center)
-    return np.ascontiguousarray(sums.transpose(2, 1, 0))
+    lines = np.cos(directions_rad), np.sin(directions_rad), (n - 1) / 2 if center is None else center
+    if images.shape[2] == 1:
+        return np.ascontiguousarray(line_sums_of_one(padded[:, :, 0], *lines).T[None])
+    return np.ascontiguousarray(line_sums(padded, *lines).transpose(2, 1, 0))
 
 
 def without_means(transforms: Floats) -> Floats:

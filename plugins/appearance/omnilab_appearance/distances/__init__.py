@@ -16,6 +16,7 @@ from omnilab_appearance.distances.poc import Poc as Poc
 from omnilab_appearance.distances.poc_band import PocBand as PocBand
 from omnilab_appearance.distances.poc_squared import PocSquared as PocSquared
 from omnilab_appearance.distances.root import Root as Root
+from omnilab_appearance.distances.rotational_difference import RotationalDifference as RotationalDifference
 from omnilab_appearance.distances.so3_correlation import So3Correlation as So3Correlation
 from omnilab_appearance.distances.weighted import Cityblock as Cityblock
 from omnilab_appearance.distances.weighted import Weighted as Weighted

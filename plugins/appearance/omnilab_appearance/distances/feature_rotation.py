@@ -11,6 +11,8 @@ from omnilab.errors import DataError
 from omnilab.geometry import wrap_angle
 from omnilab_appearance.common.ray_rotation import robust_rotation
 
+UNIT = 1e-3  # how far a direction's length may be from 1
+
 
 @dataclass
 class FeatureRotation:
@@ -32,7 +34,7 @@ class FeatureRotation:
 
     def prepare(self, places: Signatures) -> list[Floats]:
         """The features (F, 3 + D) of each place, without padding."""
-        if places.place.ndim != 3 or places.place.shape[2] < 4:
+        if not _holds_directions(places.place):
             raise DataError(
                 f"signatures of shape {places.place.shape[1:]} hold no features of the sphere; choose"
                 " descriptor=spherical_sift, or another distance"
@@ -71,3 +73,11 @@ def mutual_matches(place: Floats, query: Floats, ratio: float) -> tuple[Ints, In
     apart = np.sqrt(np.maximum(2 - 2 * two, 0))
     chosen = np.flatnonzero(mutual & (apart[:, 1] < ratio * apart[:, 0]))
     return chosen, partner[chosen]
+
+
+def _holds_directions(signatures: Floats) -> bool:
+    """Whether they are features (N, F, 3 + D) of unit directions, or of zeros where there is none."""
+    if signatures.ndim != 3 or signatures.shape[2] < 4:
+        return False
+    length = np.linalg.norm(signatures[..., :3], axis=-1)
+    return bool(((np.abs(length - 1) < UNIT) | (length == 0)).all())

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 
-from omnilab.api import Floats, Match, Signatures
+from omnilab.api import Array, Floats, Match, Signatures
 from omnilab.errors import DataError
 from omnilab.geometry import wrap_angle
-from omnilab_appearance.common.circular_correlation import Headings, Spectra, headings_of, rotations
+from omnilab_appearance.common.circular_correlation import Headings, Spectra, blas, headings_of, rotations
 
-PocIndex = tuple[Spectra, tuple[int, int], Headings | None]
+PocIndex = tuple[Floats, int, Headings | None]
 CHUNK = 64  # matrices transformed at once: what fits the cache
+AT_ONCE = 2  # surfaces at once: what stays in the cache of a core from one product to the next
 
 
 @dataclass
@@ -25,22 +28,49 @@ class Poc:
     """
 
     def prepare(self, places: Signatures) -> PocIndex:
-        """Unit-phase spectra of the places, the shape of their signatures, and their headings."""
-        return in_chunks(unit_phase, matrices_of(places)), places.place.shape[1:], headings_of(places)
+        """Unit-phase spectra of the places as planes (P, rows, 2, frequencies), the number of columns, and headings."""
+        from omnilab_appearance.distances.phase_surfaces import planes_of
+
+        matrices = matrices_of(places)
+        columns = matrices.shape[2]
+        planes = in_chunks(lambda some: planes_of(unit_phase(some), columns), matrices)
+        return planes, columns, headings_of(places)
 
     def match(self, queries: Signatures, index: PocIndex) -> Match:
         """Distances and rotations (Q, P); rotations are those of the heading parts where there are any."""
-        spectra, shape, headings = index
-        distance = np.empty((len(queries), len(spectra)), np.float32)
-        rotation = np.empty_like(distance)
-        for q, query in enumerate(unit_phase(matrices_of(queries))):
-            for start in range(0, len(spectra), CHUNK):
-                chunk = slice(start, start + CHUNK)
-                peak, shift = highest(correlate(query, spectra[chunk], shape))
-                distance[q, chunk] = 1 - peak
-                rotation[q, chunk] = 2 * np.pi / shape[1] * shift
+        from omnilab_appearance.distances.phase_surfaces import planes_of
+
+        places, columns, headings = index
+        found = all_peaks(planes_of(unit_phase(matrices_of(queries)), columns), places, columns)
         of_headings = rotations(queries, headings)
-        return Match(distance, wrap_angle(rotation) if of_headings is None else of_headings)
+        if of_headings is not None:
+            return Match(1 - found[0], of_headings)
+        shift = found[3] + between(found[1], found[0], found[2])
+        return Match(1 - found[0], wrap_angle(2 * np.pi / columns * shift))
+
+
+def all_peaks(queries: Floats, places: Floats, columns: int) -> Floats:
+    """`peaks` (4, Q, P) of every query with every place."""
+    from omnilab_appearance.distances.phase_surfaces import peaks, scratch
+
+    found = np.empty((4, len(queries), len(places)), np.float32)
+
+    def compare(start: int) -> None:
+        memory = scratch(places[:AT_ONCE], columns)
+        for first in range(start, min(start + CHUNK, len(places)), AT_ONCE):
+            some = places[first : first + AT_ONCE]
+            held = memory if len(some) == AT_ONCE else scratch(some, columns)
+            for q, query in enumerate(queries):
+                found[:, q, first : first + AT_ONCE] = peaks(query, some, columns, held)
+
+    # one thread a chunk and none within, so that sums do not depend on the number of threads
+    with blas().limit(limits=1, user_api="blas"):
+        if len(places) <= CHUNK:
+            compare(0)
+            return found
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            list(pool.map(compare, range(0, len(places), CHUNK)))
+    return found
 
 
 def matrices_of(signatures: Signatures) -> Floats:
@@ -64,7 +94,7 @@ def unit_phase(matrices: Floats) -> Spectra:
     return np.divide(spectra, modulus, out=np.zeros_like(spectra), where=modulus > 0)
 
 
-def in_chunks(transform: Callable[[Floats], Spectra], matrices: Floats) -> Spectra:
+def in_chunks(transform: Callable[[Floats], Array], matrices: Floats) -> Array:
     """`transform` of all matrices, in chunks of bounded memory."""
     first = transform(matrices[:CHUNK])
     result = np.empty((len(matrices), *first.shape[1:]), first.dtype)
@@ -72,23 +102,6 @@ def in_chunks(transform: Callable[[Floats], Spectra], matrices: Floats) -> Spect
     for start in range(CHUNK, len(matrices), CHUNK):
         result[start : start + CHUNK] = transform(matrices[start : start + CHUNK])
     return result
-
-
-def correlate(query: Spectra, places: Spectra, shape: tuple[int, int]) -> Floats:
-    """Phase-only correlation surfaces (P, rows, columns) of one query with P places."""
-    from scipy import fft
-
-    return np.asarray(fft.irfft2(places * query.conj(), s=shape, workers=-1))
-
-
-def highest(surfaces: Floats) -> tuple[Floats, Floats]:
-    """The highest sample of each surface (P, rows, columns) and its column (P,), refined between the samples."""
-    count, _, columns = surfaces.shape
-    row, column = np.divmod(surfaces.reshape(count, -1).argmax(axis=1), columns)
-    every = np.arange(count)
-    peak = surfaces[every, row, column]
-    before, after = surfaces[every, row, column - 1], surfaces[every, row, (column + 1) % columns]
-    return peak, column + between(before, peak, after)
 
 
 def between(before: Floats, peak: Floats, after: Floats) -> Floats:

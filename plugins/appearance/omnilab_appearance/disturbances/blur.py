@@ -8,26 +8,32 @@ from dataclasses import dataclass
 import numpy as np
 
 from omnilab.api import Bytes, Camera, check_settings, setting
+from omnilab.image import goes_around, wrapped
 
 REACH = 4  # standard deviations at which the kernel ends
 
 
 @dataclass
 class Blur:
-    """Convolution with a Gaussian; beyond the frame the image goes on as its mirror image."""
+    """Convolution with a Gaussian; beyond the frame the image goes on as its mirror image, a panorama at its other end."""
 
     sigma_px: float = setting(2.0, at_least=0, at_most=1000)  # standard deviation in pixels; 0: none
 
     def __post_init__(self) -> None:
         check_settings(self)
 
-    def apply(self, images: Bytes, camera: Camera, rngs: Sequence[np.random.Generator]) -> Bytes:  # noqa: ARG002  nothing is drawn
+    def apply(self, images: Bytes, camera: Camera, rngs: Sequence[np.random.Generator]) -> Bytes:
         """The images, blurred."""
         import cv2
 
-        blurred = images.copy()
-        size = 2 * int(np.ceil(REACH * self.sigma_px)) + 1
-        if size > 1:
-            for image in blurred:
-                image[...] = np.rint(cv2.GaussianBlur(image.astype(np.float32), (size, size), self.sigma_px))
+        del rngs  # nothing is drawn
+        reach = int(np.ceil(REACH * self.sigma_px))
+        if reach == 0:
+            return images.copy()
+        size, blurred = (2 * reach + 1, 2 * reach + 1), np.empty_like(images)
+        margin = reach * goes_around(camera)
+        for image, soft in zip(images, blurred, strict=True):
+            wide = wrapped(image[None], camera, reach)[0].astype(np.float32)
+            found = np.rint(cv2.GaussianBlur(wide, size, self.sigma_px))
+            soft[...] = found[:, margin : found.shape[1] - margin]
         return blurred

@@ -17,7 +17,8 @@ class Occlusion:
 
     The image is cut into as many equal strips as there are rectangles, upright or lying ones by chance, and each strip
     gets one rectangle of random proportions and place: they do not overlap. What they cover together differs from
-    `fraction` of the image's pixels by less than one row or column, the share beyond the image circle included.
+    `fraction` of the image's pixels by less than one row or column, the share beyond the image circle included; of a sphere,
+    whose pixels are smaller near the poles, they hide that share of the pixels.
     """
 
     fraction: float = setting(0.1, at_least=0, at_most=1)  # of the image's area, covered by all rectangles together

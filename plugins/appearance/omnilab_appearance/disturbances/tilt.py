@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from omnilab.api import Bytes, CalibratedCamera, Camera, Floats, check_settings, setting
+from omnilab.cameras import reproject
+from omnilab.cameras.base import PanoramaCamera
 from omnilab.errors import DataError
 
 NOWHERE = -1e4  # pixel coordinate of what the image does not show
@@ -42,7 +44,11 @@ class Tilt:
             return tilted
         directions = camera.directions(np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1))
         for image, rng in zip(tilted, rngs, strict=True):
-            image[...] = _sample(image, camera.pixels(directions @ self._rotation(rng).T))
+            R_upright_leaning = self._rotation(rng)
+            if isinstance(camera, PanoramaCamera):
+                image[...] = reproject(image[None], camera, camera, R_upright_leaning)[0]
+            else:
+                image[...] = _sample(image, camera.pixels(directions @ R_upright_leaning.T))
         return tilted
 
     def _rotation(self, rng: np.random.Generator) -> Floats:

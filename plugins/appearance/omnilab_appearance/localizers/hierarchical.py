@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from omnilab.api import Distance, Estimates, Floats, Ints, Places, Signatures, check_settings, setting
 from omnilab.errors import DataError
 from omnilab.geometry import heading_of, wrap_angle
+from omnilab_appearance.localizers.kept_clusters import key_of, read_owners, write_owners
 from omnilab_appearance.localizers.nearest import check_map
 
 BLOCK = 256  # places assigned at once
@@ -36,11 +38,13 @@ class Hierarchical:
     representatives, then with the places of the best clusters, and never with the rest: no distance field comes back.
     With 2 sqrt(P) clusters both comparisons are about as large. Where image distances saturate (`poc_band` beyond some
     0.3 m of a room), representatives must lie closer than that: give more `clusters`.
+    `keep` names a file for the clusters: they are found once and read from then on, for the same map, distance and settings.
     """
 
     clusters: int | None = setting(None, at_least=1)  # representatives; null: 2 sqrt(P)
     probes: int = setting(8, at_least=1)  # clusters searched for a query; all, where there are fewer
     seed: int = setting(0, at_least=0, at_most=2**63 - 1)  # of the representatives
+    keep: str | None = setting(None, writes=True)  # .npz file of the clusters; null: they are found anew
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -51,15 +55,25 @@ class Hierarchical:
         signatures = _bare(places.signatures)
         chosen = self._representatives(len(places))
         head = distance.prepare(signatures[chosen])
-        owner = np.concatenate(
-            [distance.match(signatures[b], head).distance.argmin(axis=1) for b in _blocks(len(places))]
-        )
-        owner[chosen] = np.arange(len(chosen))
+        owner = self._owners(signatures, distance, head, chosen)
         sizes = np.bincount(owner, minlength=len(chosen))
         members = np.split(np.argsort(owner, kind="stable"), np.cumsum(sizes)[:-1])
         index = ClusterIndex(places, distance, head, members, [distance.prepare(signatures[own]) for own in members])
         _check_scale(index, chosen)
         return index
+
+    def _owners(self, signatures: Signatures, distance: Distance, head: Any, chosen: Ints) -> Ints:
+        """The cluster (P,) of every place: that of the most alike representative, read from `keep` where it was kept."""
+        key = key_of(signatures, distance, chosen) if self.keep else ""
+        if self.keep and (kept := read_owners(Path(self.keep), key, len(signatures), len(chosen))) is not None:
+            return kept
+        owner = np.concatenate(
+            [distance.match(signatures[b], head).distance.argmin(axis=1) for b in _blocks(len(signatures))]
+        )
+        owner[chosen] = np.arange(len(chosen))
+        if self.keep:
+            write_owners(Path(self.keep), key, owner)
+        return owner
 
     def _representatives(self, count: int) -> Ints:
         """Indices of the places, of `count`, that represent a cluster, ascending."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import insort
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from omnilab.api import Closures, Floats, Frames, ImageFeatures, Ints, Unusable, check_settings, setting
 from omnilab.image import view_of
+from omnilab.metrics import middle
 from omnilab_appearance.common.ground_scale import ground_step, rotated
 from omnilab_appearance.common.relative_pose import RelativePose
 from omnilab_appearance.common.spherical_features import check_calibrated
@@ -52,10 +54,14 @@ class GeometricVerification:
     turn_sigma_deg: float = setting(0.5, at_least=1e-6, at_most=1e6)  # and of the heading, at least
     cells: int = setting(16, at_least=1, at_most=4096)  # of the HOG
     bins: int = setting(8, at_least=1, at_most=1024)  # of the HOG
+    offsets: int = setting(
+        87, at_least=4, at_most=4096
+    )  # of the Radon transform: the thesis's 173 take four times as long
+    angles: int = setting(90, at_least=4, at_most=4096)  # of the Radon transform; the thesis has 180
 
     def __post_init__(self) -> None:
         check_settings(self)
-        RadonHog(self.cells, self.bins)
+        RadonHog(self.cells, self.bins, self.offsets, self.angles)
 
     def begin(self) -> VerifiedDatabase:
         """An empty place database."""
@@ -77,6 +83,7 @@ class VerifiedDatabase:
     def __init__(self, settings: GeometricVerification) -> None:
         self._settings, self._hogs, self._rest = settings, CosineIndex(), 0
         self._features: list[ImageFeatures | None] = []  # None of what is unusable
+        # each in the order of its numbers
         self._steps: list[float] = []  # distances between images that follow each other
         self._parallaxes: list[float] = []  # of some steps, root mean squares in radians
         self._heights: list[float] = []  # lengths of some steps, in heights of the camera
@@ -90,7 +97,7 @@ class VerifiedDatabase:
         self._add(frames, own)
         if own is None or len(self._hogs) < 2:
             return no_closures(0)
-        self._steps.append(float(self._hogs.distances(0)[-1]))
+        insort(self._steps, float(self._hogs.distances(0)[-1]))
         if len(self._hogs) % EVERY == 2:  # the first step already
             self._measure_step(rng)
         if self._rest > 0:
@@ -115,7 +122,7 @@ class VerifiedDatabase:
     def _add(self, frames: Frames, features: ImageFeatures | None) -> None:
         """Append the image to the database."""
         s = self._settings
-        transform = Radon().describe(view_of(frames.images, frames.camera, "mirror", False)).place
+        transform = Radon(s.offsets, s.angles).describe(view_of(frames.images, frames.camera, "mirror", False)).place
         self._hogs.add(np.zeros(s.cells * s.bins) if features is None else hog_of(transform, s.cells, s.bins))
         self._features.append(features)
 
@@ -123,7 +130,7 @@ class VerifiedDatabase:
         """The most alike nodes, of which none is much less alike than successive images."""
         s = self._settings
         likely = np.argsort(distances, kind="stable")[: s.candidates]
-        return np.asarray(likely[distances[likely] <= s.alike * np.median(self._steps)])
+        return np.asarray(likely[distances[likely] <= s.alike * middle(self._steps)])
 
     def _measure_step(self, rng: np.random.Generator) -> None:
         """The parallax of the last step, and its length in heights of the camera above the floor."""
@@ -131,9 +138,9 @@ class VerifiedDatabase:
         if before is not None and now is not None:
             pose, p, q = self._settings.geometry.relative(before, now, rng)
             if not np.isnan(pose.phi):
-                self._parallaxes.append(_parallax(pose, p, q))
+                insort(self._parallaxes, _parallax(pose, p, q))
             if not pose.failed and not (ground := ground_step(p, q, pose.phi, pose.beta, pose.noise_rad)).failed:
-                self._heights.append(ground.length)
+                insort(self._heights, ground.length)
 
     def _verify(self, node: int, now: ImageFeatures, step: float, rng: np.random.Generator) -> VerifiedClosure | None:
         """The closure with a node; None unless the geometry confirms it."""
@@ -144,7 +151,7 @@ class VerifiedDatabase:
         if np.isnan(pose.phi) or len(p) < max(s.least, s.share * len(pose.agree)):
             return None
         parallax = _parallax(pose, p, q)
-        usual = float(np.median(self._parallaxes)) if self._parallaxes else np.inf
+        usual = middle(self._parallaxes) if self._parallaxes else np.inf
         if parallax > min(np.deg2rad(s.parallax_deg), s.parallax_steps * usual):
             return None
         motion, covariance = self._motion(pose, p, q, step)
@@ -156,7 +163,7 @@ class VerifiedDatabase:
         if not pose.failed and self._heights:
             ground = ground_step(p, q, pose.phi, pose.beta, pose.noise_rad)
             if not ground.failed:
-                unit = step / float(np.median(self._heights))
+                unit = step / middle(self._heights)
                 scaled = ground._replace(length=unit * ground.length, variance=unit**2 * ground.variance)
                 motion, covariance = propagate(pose, scaled)
                 return motion, covariance + np.diag([(LEAST * step) ** 2] * 2 + [0.0])

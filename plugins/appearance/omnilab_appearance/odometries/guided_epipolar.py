@@ -8,6 +8,7 @@ import numpy as np
 
 from omnilab.api import ImageFeatures, Ints, setting
 from omnilab_appearance.common.guided_matches import guided_matches
+from omnilab_appearance.common.local_features import Detector
 from omnilab_appearance.common.relative_pose import RelativePose
 from omnilab_appearance.odometries.planar_epipolar import Length, PlanarEpipolar
 
@@ -22,6 +23,8 @@ class GuidedEpipolar(PlanarEpipolar):
     1: points of the floor are seldom matched from afar, and a view's bearing needs none.
     """
 
+    detector: Detector = Detector.sift  # OpenCV's; or fast_sift
+    features: int = setting(400, at_least=1, at_most=10_000)  # at most so many of each image
     upright: bool = True  # described along the panorama's axes, not along an orientation of their own; of sift
     length: Length = Length.unit  # or floor, or poc: then an estimate without a length fails
     guided_ratio: float = setting(0.95, above=0, at_most=1)  # as `ratio`, of the second search

@@ -32,7 +32,7 @@ def lean_deg(zenith: Floats, R_world_camera: Floats) -> float:
     return float(np.rad2deg(np.arccos(np.clip(zenith @ R_world_camera[2], -1, 1))))
 
 
-@pytest.mark.parametrize("color", [False, True], ids=["grey", "rgb"])
+@pytest.mark.parametrize("color", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["grey", "rgb"])
 def test_keeps_the_contract(color):
     check_disturbance(UprightAdjustment(), UprightAdjustment(0), color)
 

@@ -3,7 +3,7 @@
 With a quad at corner p, edges e1 and e2, seen from O, let r0, r1, r2 be the rows of [p - O, e1, e2]^-1. The ray O + t d
 meets the quad where w = r0.d > 0 and 0 <= r1.d <= w and 0 <= r2.d <= w, at t = 1 / w: the nearest quad has the largest
 w. Whole blocks of pixels, and then the tiles in them, first cull what none of their rays can see: a cone against the
-five planes through O that bound a quad.
+five planes through O that bound a quad. The rays of a tile, one of each pixel, are tried against a quad all at once.
 
 Rays that start at O + o instead, |o| <= rho, meet the quad's plane n.x = n.p where t = (n.p - n.o) / n.d; w is 1 / t
 again. From O a point that such a ray meets lies in another direction than d, by asin(rho / distance) at most, so the
@@ -25,6 +25,10 @@ from omnilab_mirror.render.atlas import Atlas
 Array = npt.NDArray[Any]
 # constants of this file, since numba's cache sees no changes in others
 TILE, BLOCK = 8, 32  # pixels
+LANES = (
+    TILE * TILE
+)  # the rays of a tile that are traced at once, one of each pixel; what is known of each lies so far apart:
+X, Y, Z, BEST, HIT, B1, B2, OFF, OX, OY, OZ = range(0, 11 * LANES, LANES)
 EDGE = 1e-9  # neighbouring quads overlap by this much of 1/m, so that no ray slips between them
 
 
@@ -145,47 +149,86 @@ def cull(
 
 
 @compiled
-def nearest(x: float, y: float, z: float, rows: Array, limit: Array, count: int) -> tuple[int, float, float, float]:
-    """Which of `count` quads (C, 9) a ray meets first (-1: none), how far away, and where: fractions of its edges."""
-    hit, best, b1, b2 = -1, 0.0, 0.0, 0.0
-    for k in range(count):
-        if limit[k] <= best:
-            break
-        w = rows[k, 0] * x + rows[k, 1] * y + rows[k, 2] * z
-        if w > best:
-            a1 = rows[k, 3] * x + rows[k, 4] * y + rows[k, 5] * z
-            a2 = rows[k, 6] * x + rows[k, 7] * y + rows[k, 8] * z
-            if -EDGE <= a1 <= w + EDGE and -EDGE <= a2 <= w + EDGE:
-                hit, best, b1, b2 = k, w, a1, a2
-    t = 1 / best
-    return hit, t, b1 * t, b2 * t
+def load(rays: Array, starts: Array | None, tile: tuple[int, int, int, int], s: int, lanes: Array) -> None:
+    """Put the rays number s of a tile's pixels into `lanes`, row by row; a lane without a pixel meets nothing."""
+    top, bottom, left, right = tile
+    for r in range(LANES):
+        lanes[X + r], lanes[Y + r], lanes[Z + r] = 0.0, 0.0, 0.0
+        lanes[BEST + r], lanes[HIT + r], lanes[OFF + r] = math.inf, -1.0, 1.0
+    for v in range(top, bottom):
+        for u in range(left, right):
+            r = (v - top) * TILE + u - left
+            lanes[BEST + r] = 0.0
+            lanes[X + r], lanes[Y + r], lanes[Z + r] = rays[v, u, s, 0], rays[v, u, s, 1], rays[v, u, s, 2]
+            if starts is not None:
+                lanes[OX + r], lanes[OY + r], lanes[OZ + r] = starts[v, u, s, 0], starts[v, u, s, 1], starts[v, u, s, 2]
 
 
 @compiled
-def nearest_around(
-    x: float, y: float, z: float, ox: float, oy: float, oz: float, rows: Array, limit: Array, count: int
-) -> tuple[int, float, float, float, float]:
-    """The same for a ray that starts at (ox, oy, oz), with quads (C, 12); last, its start's distance from the plane hit."""
-    hit, best, b1, b2, off = -1, 0.0, 0.0, 0.0, 1.0
-    for k in range(count):
-        if limit[k] <= best:
-            break
-        apart = rows[k, 3] - (rows[k, 0] * ox + rows[k, 1] * oy + rows[k, 2] * oz)
-        w = (rows[k, 0] * x + rows[k, 1] * y + rows[k, 2] * z) / apart if apart != 0 else 0.0
-        if w > best:
-            o1 = rows[k, 4] * ox + rows[k, 5] * oy + rows[k, 6] * oz - rows[k, 7]
-            o2 = rows[k, 8] * ox + rows[k, 9] * oy + rows[k, 10] * oz - rows[k, 11]
-            a1 = rows[k, 4] * x + rows[k, 5] * y + rows[k, 6] * z + w * o1
-            a2 = rows[k, 8] * x + rows[k, 9] * y + rows[k, 10] * z + w * o2
-            if -EDGE <= a1 <= w + EDGE and -EDGE <= a2 <= w + EDGE:
-                hit, best, b1, b2, off = k, w, a1, a2, abs(apart)
-    t = 1 / best
-    return hit, t, b1 * t, b2 * t, off
+def may_hit(lanes: Array, limit: float) -> bool:
+    """Whether any of the rays may meet a quad whose w has this limit before what it met."""
+    count = 0
+    for r in range(LANES):
+        count += lanes[BEST + r] < limit
+    return count > 0
 
 
 @compiled
-def add_texel(texels: Array, start: int, width: int, height: int, x: float, y: float, total: Array) -> None:
-    """Add to `total` (C,) the bilinear colour at fractions (x, y) of the picture that begins at `start`."""
+def meet(rows: Array, limit: Array, count: int, lanes: Array) -> None:
+    """Which of `count` quads (C, 9) each ray meets first, the largest w, and there the products with r1 and r2.
+
+    Every quad is tried for all rays of the tile at once: in one loop without branches, so that it becomes vector code.
+    """
+    for k in range(count):
+        most = limit[k]
+        if not may_hit(lanes, most):
+            break
+        p0, p1, p2 = rows[k, 0], rows[k, 1], rows[k, 2]
+        q0, q1, q2 = rows[k, 3], rows[k, 4], rows[k, 5]
+        s0, s1, s2 = rows[k, 6], rows[k, 7], rows[k, 8]
+        for r in range(LANES):
+            x, y, z, best = lanes[X + r], lanes[Y + r], lanes[Z + r], lanes[BEST + r]
+            w = p0 * x + p1 * y + p2 * z
+            a1 = q0 * x + q1 * y + q2 * z
+            a2 = s0 * x + s1 * y + s2 * z
+            inside = (a1 >= -EDGE) & (a1 <= w + EDGE) & (a2 >= -EDGE) & (a2 <= w + EDGE)
+            met = inside & (w > best) & (most > best)
+            lanes[BEST + r] = w if met else best
+            lanes[HIT + r] = k if met else lanes[HIT + r]
+            lanes[B1 + r] = a1 if met else lanes[B1 + r]
+            lanes[B2 + r] = a2 if met else lanes[B2 + r]
+
+
+@compiled
+def meet_around(rows: Array, limit: Array, count: int, lanes: Array) -> None:
+    """The same for rays that start around the viewpoint, with quads (C, 12); and their starts' distances from the plane hit."""
+    for k in range(count):
+        most = limit[k]
+        if not may_hit(lanes, most):
+            break
+        n0, n1, n2, n3 = rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3]
+        g0, g1, g2, g3 = rows[k, 4], rows[k, 5], rows[k, 6], rows[k, 7]
+        h0, h1, h2, h3 = rows[k, 8], rows[k, 9], rows[k, 10], rows[k, 11]
+        for r in range(LANES):
+            x, y, z, best = lanes[X + r], lanes[Y + r], lanes[Z + r], lanes[BEST + r]
+            ox, oy, oz = lanes[OX + r], lanes[OY + r], lanes[OZ + r]
+            apart = n3 - (n0 * ox + n1 * oy + n2 * oz)
+            w = (n0 * x + n1 * y + n2 * z) / apart
+            w = w if apart != 0 else 0.0
+            a1 = g0 * x + g1 * y + g2 * z + w * (g0 * ox + g1 * oy + g2 * oz - g3)
+            a2 = h0 * x + h1 * y + h2 * z + w * (h0 * ox + h1 * oy + h2 * oz - h3)
+            inside = (a1 >= -EDGE) & (a1 <= w + EDGE) & (a2 >= -EDGE) & (a2 <= w + EDGE)
+            met = inside & (w > best) & (most > best)
+            lanes[BEST + r] = w if met else best
+            lanes[HIT + r] = k if met else lanes[HIT + r]
+            lanes[B1 + r] = a1 if met else lanes[B1 + r]
+            lanes[B2 + r] = a2 if met else lanes[B2 + r]
+            lanes[OFF + r] = abs(apart) if met else lanes[OFF + r]
+
+
+@compiled
+def add_texel(texels: Array, start: int, width: int, height: int, x: float, y: float, total: Array, r: int) -> None:
+    """Add to `total[r]` (C,) the bilinear colour at fractions (x, y) of the picture that begins at `start`."""
     px = min(max(x * width - 0.5, 0.0), width - 1.0)
     py = min(max(y * height - 0.5, 0.0), height - 1.0)
     x0, y0 = int(px), int(py)
@@ -193,44 +236,50 @@ def add_texel(texels: Array, start: int, width: int, height: int, x: float, y: f
     a = start + y0 * width + x0
     b = a + (width if y0 + 1 < height else 0)
     right = 1 if x0 + 1 < width else 0
-    for channel in range(len(total)):
+    for channel in range(total.shape[1]):
         low = texels[a, channel] * (1 - fx) + texels[a + right, channel] * fx
         high = texels[b, channel] * (1 - fx) + texels[b + right, channel] * fx
-        total[channel] += low * (1 - fy) + high * fy
+        total[r, channel] += low * (1 - fy) + high * fy
 
 
 @compiled
-def first_hit(
-    rays: Array, starts: Array | None, v: int, u: int, s: int, rows: Array, limit: Array, count: int
-) -> tuple[int, float, float, float, float]:
-    """The result of `nearest_around` for one of the rays that start there or, with None, in the viewpoint."""
-    dx, dy, dz = rays[v, u, s, 0], rays[v, u, s, 1], rays[v, u, s, 2]
+def first_hits(
+    rays: Array,
+    starts: Array | None,
+    tile: tuple[int, int, int, int],
+    s: int,
+    rows: Array,
+    limit: Array,
+    count: int,
+    lanes: Array,
+) -> None:
+    """Fill `lanes` for the rays number s of a tile's pixels."""
+    load(rays, starts, tile, s, lanes)
     if starts is not None:
-        ox, oy, oz = starts[v, u, s, 0], starts[v, u, s, 1], starts[v, u, s, 2]
-        return nearest_around(dx, dy, dz, ox, oy, oz, rows, limit, count)
-    k, t, x, y = nearest(dx, dy, dz, rows, limit, count)
-    return k, t, x, y, 1.0
+        meet_around(rows, limit, count, lanes)
+    else:
+        meet(rows, limit, count, lanes)
 
 
 @compiled
-def level_of(atlas: Atlas, picture: int, texels: float) -> int:
-    """The line of `atlas.levels` at whose resolution a pixel covers a texel, when it covers `texels` of the finest."""
+def level_of(first: Array, picture: int, texels: float) -> int:
+    """The line of `Atlas.levels` at whose resolution a pixel covers a texel, when it covers `texels` of the finest."""
     _, exponent = math.frexp(texels)  # 4^level texels
-    level: int = min(atlas.first[picture] + max(exponent >> 1, 0), atlas.first[picture + 1] - 1)
-    return level
+    return int(min(first[picture] + max(exponent >> 1, 0), first[picture + 1] - 1))
 
 
 @compiled
-def add_sky(atlas: Atlas, picture: int, ray: Array, turn: Array, total: Array) -> None:
-    """Add to `total` (C,) the sky's colour in the direction of a ray; its picture holds the sky twice, side by side."""
+def add_sky(
+    first: Array, levels: Array, texels: Array, picture: int, ray: Array, turn: Array, total: Array, r: int
+) -> None:
+    """Add to `total[r]` (C,) the sky's colour in the direction of a ray; its picture holds the sky twice, side by side."""
     x, y, z = dot(turn[0], ray), dot(turn[1], ray), dot(turn[2], ray)
     across = 0.5 + math.atan2(y, x) / (4 * math.pi)  # in the middle half of the picture, so that the sky has no seam
     down = math.acos(min(max(z, -1.0), 1.0)) / math.pi
-    width, height = atlas.levels[atlas.first[picture], 1], atlas.levels[atlas.first[picture], 2]
-    texels = ray[3] * width * height / (4 * math.pi**2 * max(math.hypot(x, y), 1e-3))
-    level = level_of(atlas, picture, texels)
-    start, width, height = atlas.levels[level]
-    add_texel(atlas.texels, start, width, height, across, down, total)
+    width, height = levels[first[picture], 1], levels[first[picture], 2]
+    covered = ray[3] * width * height / (4 * math.pi**2 * max(math.hypot(x, y), 1e-3))
+    level = level_of(first, picture, covered)
+    add_texel(texels, levels[level, 0], levels[level, 1], levels[level, 2], across, down, total, r)
 
 
 @compiled
@@ -245,35 +294,33 @@ def shade(
     density: Array,
     turn: Array,
     atlas: Atlas,
+    lanes: Array,
     out: Array,
 ) -> None:
     """Fill the pixels of a tile in the image `out` (H, W, C) with the means over their rays."""
     top, bottom, left, right = tile
+    first, levels, texels = atlas  # each use of an array in a tuple counts its references
     samples = rays.shape[2]
-    sky = len(atlas.first) - 1 > len(density)  # its picture follows the quads'
-    total = np.empty(out.shape[2], np.float64)
+    sky = len(first) - 1 > len(density)  # its picture follows the quads'
+    total = np.zeros((LANES, out.shape[2]))
+    for s in range(samples):
+        first_hits(rays, starts, tile, s, rows, limit, count, lanes)
+        for v in range(top, bottom):
+            for u in range(left, right):
+                r = (v - top) * TILE + u - left
+                k = int(lanes[HIT + r])
+                if k >= 0:
+                    f, t = chosen[k], 1 / lanes[BEST + r]
+                    # the pixel covers solid_angle t^2 / cos on the quad
+                    level = level_of(first, f, rays[v, u, s, 3] * density[f] * (t * t * t) / lanes[OFF + r])
+                    start, width, height = levels[level, 0], levels[level, 1], levels[level, 2]
+                    add_texel(texels, start, width, height, lanes[B1 + r] * t, lanes[B2 + r] * t, total, r)
+                elif sky and rays[v, u, s, 3] > 0:
+                    add_sky(first, levels, texels, len(density), rays[v, u, s], turn, total, r)
     for v in range(top, bottom):
         for u in range(left, right):
-            total[:] = 0
-            for s in range(samples):
-                k, t, x, y, apart = first_hit(rays, starts, v, u, s, rows, limit, count)
-                if k >= 0:
-                    f = chosen[k]
-                    # the pixel covers solid_angle t^2 / cos on the quad
-                    level = level_of(atlas, f, rays[v, u, s, 3] * density[f] * (t * t * t) / apart)
-                    add_texel(
-                        atlas.texels,
-                        atlas.levels[level, 0],
-                        atlas.levels[level, 1],
-                        atlas.levels[level, 2],
-                        x,
-                        y,
-                        total,
-                    )
-                elif sky and rays[v, u, s, 3] > 0:
-                    add_sky(atlas, len(density), rays[v, u, s], turn, total)
-            for channel in range(len(total)):
-                out[v, u, channel] = np.uint8(total[channel] / (256 * samples) + 0.5)
+            for channel in range(out.shape[2]):
+                out[v, u, channel] = np.uint8(total[(v - top) * TILE + u - left, channel] / (256 * samples) + 0.5)
 
 
 @compiled
@@ -284,14 +331,16 @@ def measure(
     rows: Array,
     limit: Array,
     count: int,
+    lanes: Array,
     out: Array,
 ) -> None:
     """Fill the pixels of a tile in `out` (H, W) with how far their first rays go; infinity where they meet nothing."""
     top, bottom, left, right = tile
+    first_hits(rays, starts, tile, 0, rows, limit, count, lanes)
     for v in range(top, bottom):
         for u in range(left, right):
-            k, t, _, _, _ = first_hit(rays, starts, v, u, 0, rows, limit, count)
-            out[v, u] = t if k >= 0 else math.inf
+            r = (v - top) * TILE + u - left
+            out[v, u] = 1 / lanes[BEST + r] if lanes[HIT + r] >= 0 else math.inf
 
 
 @compiled_parallel
@@ -309,11 +358,12 @@ def trace(
         i, bv = job // blocks_v, job % blocks_v
         planes, reach, all_rows, density = view.planes[i], view.reach[i], view.rows[i], view.density[i]
         everything = np.arange(quads)
-        some, few, limit, rows = (
+        some, few, limit, rows, lanes = (
             np.empty(quads, np.int64),
             np.empty(quads, np.int64),
             np.empty(quads),
             np.empty((quads, all_rows.shape[1])),
+            np.empty(LANES * 11),
         )
         for bu in range(blocks_u):
             number = cull(
@@ -345,6 +395,6 @@ def trace(
                         rows[k] = all_rows[few[k]]
                     tile = v, min(v + TILE, height), u, min(u + TILE, width)
                     if atlas is None:
-                        measure(rays, starts, tile, rows, limit, count, out[i])
+                        measure(rays, starts, tile, rows, limit, count, lanes, out[i])
                     else:
-                        shade(rays, starts, tile, rows, limit, few, count, density, view.turn[i], atlas, out[i])
+                        shade(rays, starts, tile, rows, limit, few, count, density, view.turn[i], atlas, lanes, out[i])

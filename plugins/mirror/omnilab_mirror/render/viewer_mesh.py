@@ -16,7 +16,10 @@ MAX_CELLS = 16
 
 
 def mesh_of(world: World) -> Mesh:
-    """Two triangles for each cell of a quad, coloured by its picture; meshes simplified; what is overhead is left out."""
+    """Two triangles for each cell of a quad, coloured by its picture; meshes simplified; what is overhead is left out.
+
+    Quads face where they are seen from, such as the inside of a room; meshes of files face anywhere.
+    """
     if not world.meshes:
         return _mesh_of_quads(world)
     from omnilab_mirror.scene.meshes.simplify import simplified
@@ -45,7 +48,9 @@ def _mesh_of_quads(world: World) -> Mesh:
         triangles.append(_triangles(columns, rows) + count)
         colors.append(cv2.resize(picture, (columns + 1, rows + 1), interpolation=cv2.INTER_AREA).reshape(-1, 3))
         count += len(vertices[-1])
-    return Mesh(np.concatenate(vertices), np.concatenate(triangles), np.concatenate(colors).astype(np.uint8))
+    return Mesh(
+        np.concatenate(vertices), np.concatenate(triangles), np.concatenate(colors).astype(np.uint8), one_sided=True
+    )
 
 
 def _cells(quad: Quad) -> tuple[int, int]:

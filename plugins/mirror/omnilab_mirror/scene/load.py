@@ -14,6 +14,7 @@ import numpy as np
 
 from omnilab.errors import ConfigError, DataError
 from omnilab.file_kinds import content_of, is_file
+from omnilab.shipped_worlds import shipped_worlds
 from omnilab_mirror.scene.file_stamps import Stamp, stamp_of, stamps_of
 from omnilab_mirror.scene.light import Illumination, light
 from omnilab_mirror.scene.meshes.hints import unit_of_areas
@@ -34,9 +35,9 @@ T = TypeVar("T")
 
 
 def shipped() -> dict[str, Path]:
-    """The files of the worlds that come with the plugin, by name."""
+    """The files of the worlds that come with this plugin, then those of others, by name."""
     found = (Path(str(file)) for file in (files("omnilab_mirror") / "worlds").iterdir())
-    return {file.stem: file for file in sorted(found) if file.suffix == ".yaml"}
+    return {file.stem: file for file in sorted(found) if file.suffix == ".yaml"} | shipped_worlds()
 
 
 def load_world(world: str, variant: str | None = None, up: str | None = None, scale: float = 1.0) -> World:

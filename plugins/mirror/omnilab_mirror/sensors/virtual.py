@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from omnilab.api import Bytes, Floats, Frames, Mesh, Plan, PoseRequest, check_settings, setting
+from omnilab.api import Bytes, Floats, Frames, Ints, Mesh, Plan, PoseRequest, Rendering, check_settings, setting
 from omnilab.cameras import RayCamera
 from omnilab.cameras.plausibility import check_sees
 from omnilab.errors import ConfigError, DataError
@@ -70,28 +70,40 @@ class VirtualCamera(ABC):
 
         world = self._world()
         T_world_camera, omitted = poses_of(layout, world, self.height_m, self.on_floor, self._image_s)
-        return Plan(self._keys(world.digest, T_world_camera), T_world_camera, omitted)
+        return Plan(self.render_keys(world, self.camera, T_world_camera), T_world_camera, omitted)
 
     def frames(self, plan: Plan) -> Iterator[Frames]:
         """The planned images, ten a second by the sensor's clock."""
         if plan.T_world_camera is None:
             raise DataError("a virtual sensor cannot image a plan without poses; ask this sensor's plan() for one")
-        from omnilab_mirror.render.render import depth_of, render
-
         world, camera = self._world(), self.camera
         self._check_images(len(plan))
         for start in range(0, len(plan), self.batch):
-            index = np.arange(start, min(start + self.batch, len(plan)))
-            T_world_camera = plan.T_world_camera[index]
-            yield Frames(  # which alone holds the images: what others hold would be copied
-                self._with_carrier(render(world, camera, T_world_camera, self.samples, self.color)),
-                plan.at(index).keys,
-                FRAME_NS * index,
-                camera,
-                index,
-                T_world_camera,
-                depth_m=depth_of(world, camera, T_world_camera) if self.depth else None,
-            )
+            yield self._batch(world, camera, plan, np.arange(start, min(start + self.batch, len(plan))))
+
+    def _batch(self, world: World, camera: RayCamera, plan: Plan, index: Ints) -> Frames:
+        part = plan.at(index)
+        assert part.T_world_camera is not None
+        seen, stamps_ns = self.render(world, camera, part.T_world_camera), FRAME_NS * (plan.first + index)
+        return Frames(seen.images, part.keys, stamps_ns, camera, index, part.T_world_camera, depth_m=seen.depth_m)
+
+    def render(self, world: World, camera: RayCamera, T_world_camera: Floats) -> Rendering:
+        """What the camera sees of the world from poses (N, 4, 4), with depths where `depth` asks for them."""
+        from omnilab_mirror.render.render import depth_of, render
+
+        images = self._with_carrier(render(world, camera, T_world_camera, self.samples, self.color))
+        return Rendering(images, depth_of(world, camera, T_world_camera) if self.depth else None)
+
+    def render_keys(self, world: World, camera: RayCamera, T_world_camera: Floats) -> Sequence[str]:
+        """A digest for each pose (N, 4, 4): of the world's content and variant, the camera and the pose."""
+        content = (RENDERER_VERSION, world.digest, repr(camera), self.color, self.samples, *self._carrier)
+        digest = hashlib.blake2b(repr(content).encode(), digest_size=12)
+        keys = []
+        for pose in T_world_camera + 0.0:  # -0 is 0
+            key = digest.copy()
+            key.update(pose.tobytes())
+            keys.append(key.hexdigest())
+        return keys
 
     def scene(self) -> Mesh:
         """The world's quads in coarse colours, open from above."""
@@ -137,13 +149,3 @@ class VirtualCamera(ABC):
         from omnilab_mirror.scene.load import load_world
 
         return load_world(self.world, self.variant, self.up, self.scale)
-
-    def _keys(self, digest: str, T_world_camera: Floats) -> Sequence[str]:
-        content = (RENDERER_VERSION, digest, repr(self.camera), self.color, self.samples, *self._carrier)
-        camera = hashlib.blake2b(repr(content).encode(), digest_size=12)
-        keys = []
-        for pose in T_world_camera + 0.0:  # -0 is 0
-            key = camera.copy()
-            key.update(pose.tobytes())
-            keys.append(key.hexdigest())
-        return keys

@@ -23,8 +23,9 @@ from omnilab_recordings.checks.handedness import horizon as horizon_of
 from omnilab_recordings.checks.pictures import as_panorama, of_reading
 from omnilab_recordings.checks.pose_check import of_meaning
 from omnilab_recordings.checks.report_picture import write_report_picture
-from omnilab_recordings.folder import SAMPLE, Folder, OnBadImage
+from omnilab_recordings.folder import SAMPLE, Folder
 from omnilab_recordings.images.circle import inscribed
+from omnilab_recordings.on_bad_image import OnBadImage
 from omnilab_recordings.optics import most_alike
 from omnilab_recordings.panoramas import Panorama
 from omnilab_recordings.poses.filename_poses import PRESETS

@@ -74,7 +74,7 @@ def _check_alone(lit: Bools, cx: float, cy: float, radius: float) -> None:
     if (beside & (areas > LIKE * areas.max())).any():
         raise DataError(
             "the pictures show two circles, as 360-degree cameras take them before they are stitched; give"
-            " sensor.circle_px=[cx,cy,radius] of one, or stitch them and give sensor.panorama=equirectangular"
+            " sensor.panorama=dual_fisheye, or sensor.circle_px=[cx,cy,radius] of one"
         )
 
 

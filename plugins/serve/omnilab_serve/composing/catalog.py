@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from importlib.resources import files
 from typing import Any
 
 from omnilab.api import KINDS
@@ -13,8 +12,8 @@ from omnilab.client import ComponentRecord
 from omnilab.errors import ConfigError, did_you_mean
 from omnilab.runner.config import Settings
 from omnilab.runner.manual import settings_data
-from omnilab.runner.overrides.compose_errors import recipes
 from omnilab.runner.overrides.composition import launchers
+from omnilab.runner.plugins.folders import comment_of
 from omnilab.runner.registry import Component, Registry
 from omnilab_serve.composing.pictures import worlds_of
 
@@ -22,7 +21,7 @@ from omnilab_serve.composing.pictures import worlds_of
 def catalog(registry: Registry) -> dict[str, Any]:
     """All of it, as JSON."""
     return {
-        "recipes": [described(name) for name in recipes()],
+        "recipes": [described(name, registry) for name in sorted(registry.recipes)],
         "kinds": {kind.name: kind.summary for kind in KINDS.values()},
         "components": [asdict(record(component)) for component in registry.components.values()],
         "run": settings(Settings),
@@ -41,21 +40,19 @@ def pictured(component: Component) -> list[str]:
     return worlds_of(component.cls) if component.kind == "sensor" and not needs else []
 
 
-def check_recipe(name: str) -> None:
-    """ConfigError if no experiment of that name is shipped."""
-    if name not in recipes():
+def check_recipe(name: str, registry: Registry) -> None:
+    """ConfigError if neither omnilab nor a plugin ships an experiment of that name."""
+    if name not in (known := sorted(registry.recipes)):
         raise ConfigError(
-            f"experiment '{name}' does not exist; there is {', '.join(recipes())}"
-            f"{did_you_mean(name, recipes(), 'experiment=')}"
+            f"experiment '{name}' does not exist; there is {', '.join(known)}"
+            f"{did_you_mean(name, known, 'experiment=')}{registry.failed}"
         )
 
 
-def described(recipe: str) -> dict[str, str]:
+def described(recipe: str, registry: Registry) -> dict[str, str]:
     """A recipe's name, the first line of its comment, and the further ones."""
-    text = (files("omnilab.conf") / "experiment" / f"{recipe}.yaml").read_text(encoding="utf-8")
-    lines = [line.removeprefix("#").strip() for line in text.partition("\ndefaults:")[0].splitlines()]
-    comment = [line for line in lines if not line.startswith("@package")]
-    return {"name": recipe, "summary": comment[0] if comment else "", "notes": " ".join(comment[1:])}
+    summary, notes = comment_of(registry.recipes[recipe].file)
+    return {"name": recipe, "summary": summary, "notes": notes}
 
 
 def record(component: Component) -> ComponentRecord:

@@ -24,7 +24,7 @@ HIDDEN = {"logs", "objective"}  # settings of the run that the form leaves to it
 
 def form(registry: Registry, experiment: str, choices: Sequence[str] = ()) -> dict[str, Any]:
     """The slots of an experiment with other components in some of them; `wrong` is the sentence if these do not fit."""
-    check_recipe(experiment)
+    check_recipe(experiment, registry)
     recipe = compose([f"experiment={experiment}"], registry).config
     try:
         config, wrong = compose([f"experiment={experiment}", *choices], registry).config, None
@@ -35,7 +35,7 @@ def form(registry: Registry, experiment: str, choices: Sequence[str] = ()) -> di
     order = ["study", *needs]
     slots.sort(key=lambda slot: (not slot["name"], order.index(slot["path"]) if slot["path"] in order else len(order)))
     return {
-        **described(experiment),
+        **described(experiment, registry),
         "slots": slots,
         "run": [_setting(each, each["name"], config) for each in settings(Settings) if each["name"] not in HIDDEN],
         "wrong": wrong,

@@ -52,7 +52,7 @@ def check_words(words: Sequence[str], registry: Registry, bounds: Bounds) -> str
     if len(experiments) != 1:
         raise ConfigError(f"{len(experiments) or 'no'} experiments are named; give one experiment=NAME")
     name = experiments[0].removeprefix("experiment=")
-    check_recipe(name)
+    check_recipe(name, registry)
     written = written_settings(registry)
     for word in for_hydra(["-m", *words], registry)[1:]:
         if not is_choice(word.partition("=")[0]) and (override := parse_override(word)) is not None:

@@ -27,7 +27,7 @@ def picture(registry: Registry, name: str, world: str) -> str:
     component = registry.find("sensor", name)
     if component is None or world not in worlds_of(component.cls):
         raise DataError(f"sensor '{name}' knows no world '{world}'")
-    file = _file(component, world)
+    file = _file(component, world, registry)
     if not file.exists():
         file.parent.mkdir(parents=True, exist_ok=True)
         new = file.with_suffix(f".{os.getpid()}")
@@ -42,9 +42,13 @@ def _drawn(cls: type[Any], world: str) -> bytes:
     return encode(frames.images[0], "png")
 
 
-def _file(component: Component, world: str) -> Path:
+def _file(component: Component, world: str, registry: Registry) -> Path:
     given = Path(os.environ.get("XDG_CACHE_HOME", ""))
     cache = given if given.is_absolute() else Path.home() / ".cache"
     plugin = component.plugin
-    content = (__version__, plugin.distribution, plugin.version, component.name, world)
+    shipped = registry.worlds.get(world)  # in a single file, a world changes without a version
+    content = (
+        __version__, plugin.distribution, plugin.version, component.name, world,
+        shipped and hashlib.sha256(shipped.file.read_bytes()).hexdigest(),
+    )  # fmt: skip
     return cache / "omnilab" / "pictures" / f"{hashlib.sha256(repr(content).encode()).hexdigest()[:24]}.png"

@@ -10,6 +10,7 @@ from starlette.responses import HTMLResponse, Response
 
 from omnilab.client import SubmissionRequest
 from omnilab.errors import ConfigError, OmnilabError
+from omnilab.manifest import recipe_of
 from omnilab_serve.composing import SettingError, check_request
 from omnilab_serve.composing.filled import SET, Filled, filled_by, is_main, laid_out
 from omnilab_serve.rendering import page
@@ -37,7 +38,10 @@ def new(
     catalog = service.composer.catalog()
     if run:
         manifest = service.run(run).manifest
-        experiment, override = str(manifest["experiment"]), [str(word) for word in manifest["overrides"]]
+        override = [str(word) for word in manifest["overrides"]]
+        if (recipe := recipe_of(str(manifest["experiment"]), override)) is None:
+            raise NotThereError(f"the run {run} has no recipe, and a form is one of a recipe; start it by its command")
+        experiment = recipe
     if not experiment:
         return page(request, "new.html", recipes=catalog["recipes"], failures=catalog["failures"])
     if experiment not in [recipe["name"] for recipe in catalog["recipes"]]:

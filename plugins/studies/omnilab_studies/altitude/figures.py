@@ -166,7 +166,7 @@ def curve_picture(estimates: HeightEstimates, i: int) -> Bytes:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(4.4, 2.5), dpi=110)
-    axes = figure.add_axes((0.13, 0.12, 0.84, 0.76))
+    axes = figure.add_axes((0.15, 0.18, 0.82, 0.7))
     for (name, curves), color in zip(estimates.heights.curves.items(), (FALLING, RISING, *CURVES), strict=False):
         least = int(curves[i].argmin())
         axes.plot(curves[i], color=color, linewidth=1.4, label=name.replace("_", " "))
@@ -174,6 +174,7 @@ def curve_picture(estimates: HeightEstimates, i: int) -> Bytes:
     low, high = (f(c.min() if f is min else c.max() for c in estimates.heights.curves.values()) for f in (min, max))
     axes.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low) + 1e-9)
     axes.set_title(f"rise {estimates.rise_m[i]:+.2f} m: {estimates.value[i]:+.2f} {estimates.heights.unit}", fontsize=9)
+    axes.set(xlabel="candidate", ylabel="distance")
     axes.legend(fontsize=7, frameon=False)
     plain_axes(axes)
     canvas: Any = FigureCanvasAgg(figure)

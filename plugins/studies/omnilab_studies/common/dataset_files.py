@@ -28,7 +28,7 @@ from omnilab.trajectory.files import tum_text
 
 ABOUT = "dataset.json"
 PART_NAME = re.compile(  # of an unfinished file, with its writer
-    r"(?:\d{6,}\.(?:png|npy)|dataset\.json|positions\.csv|poses\.tum)" + PART
+    r"(?:\d{6,}\.(?:png|npy)|dataset\.json|positions\.csv|stamps\.csv|poses\.tum)" + PART
 )
 LARGEST_IMAGE = 2**28  # bytes of an image file, and pixels in it
 PNG, PNG_SIZE = b"\x89PNG\r\n\x1a\n", struct.Struct(">16xII")  # how one begins; its width and height
@@ -111,6 +111,13 @@ class DataSet:
             raise DataError(f"{self.image(n)} is no whole image; delete it and run this again")
         return np.asarray(pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), np.uint8)
 
+    def check_same(self, n: int, pixels: Bytes) -> None:
+        """DataError if frame n is there, with other pixels than these (H, W[, 3])."""
+        if not np.array_equal(self.read(n), pixels):
+            raise DataError(
+                f"{self.image(n)} is another image than the recording has there; give a new {self.setting}, or delete the image"
+            )
+
     def _png_of(self, n: int) -> bytes | None:
         """The bytes of frame n's image; None for those of no PNG, or of one that would fill the memory."""
         try:
@@ -148,6 +155,11 @@ class DataSet:
             columns |= {"ix": cells[numbers, 0].tolist(), "iy": cells[numbers, 1].tolist()}
         self._write(self.folder / "positions.csv", _csv(columns))
         self._write(self.folder / "poses.tum", tum_text(poses, stamps).encode())
+
+    def write_stamps(self, numbers: Ints, stamps_ns: Ints) -> None:
+        """`stamps.csv` of frames (n,) without poses; stamps (N,) are those of the whole plan."""
+        images = [f"images/{self.image(n).name}" for n in numbers]
+        self._write(self.folder / "stamps.csv", _csv({"image": images, "stamp_ns": stamps_ns[numbers].tolist()}))
 
     def close(self, contents: Mapping[str, Any], found: Mapping[str, Any]) -> None:
         """Mark the data set as complete, and add results."""

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import math
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import asdict, replace
 
 import numpy as np
 
 from omnilab.api import (
+    Array,
+    Batch,
     Bytes,
     Descriptor,
     Floats,
@@ -26,7 +30,7 @@ from omnilab.cameras.base import not_too_steep
 from omnilab.errors import DataError, PluginError
 from omnilab.image import view_of
 from omnilab.limits import check_work
-from omnilab_studies.common.frames import deliver
+from omnilab_studies.common.frames import at_once, deliver
 
 
 def describe(descriptor: Descriptor, frames: Frames, record: Recorder) -> Signatures:
@@ -64,7 +68,7 @@ def check_views(like: Bytes, count: int) -> None:
 def fitted(parts: Parts, plan: Plan, record: Recorder) -> Parts:
     """The parts with a descriptor that can describe: a trainable one is trained on the plan's frames."""
     trainable = parts.descriptor
-    if not isinstance(trainable, Trainable):
+    if not isinstance(trainable, Trainable) or parts.shards.merges:
         return parts
     frames = deliver(parts, plan, record, "fit")
     found: list[Bytes] = []
@@ -83,28 +87,60 @@ def describe_places(parts: Parts, plan: Plan, record: Recorder, stage: str = "pl
 
     DataError if there is none.
     """
+
+    def compute(first: int, last: int) -> Iterator[Batch]:
+        return _described(parts, plan, (first, last), record, stage)
+
     signatures: Signatures | None = None
     provenance: Provenance | None = None
     keys: list[str] = []
     omitted = list(plan.omitted)
     poses: list[Floats] = []
     count = 0
-    for frames in deliver(parts, plan, record, stage):
-        described = describe(parts.descriptor, frames, record)
+    for batch in parts.shards.work(stage, len(plan), compute, at_once(parts)):
+        described = Signatures(batch["place"], batch.get("heading"))
         if signatures is None:
-            signatures, provenance = _empty(described, len(plan)), provenance_of(frames, parts.sensor)
-        signatures.place[count : count + len(frames)] = described.place
+            signatures, provenance = _empty(described, len(plan)), _read_provenance(str(batch["provenance"][0]))
+        signatures.place[count : count + len(described)] = described.place
         if signatures.heading is not None and described.heading is not None:
-            signatures.heading[count : count + len(frames)] = described.heading
-        count += len(frames)
-        keys += [plan.keys[i] for i in frames.plan_index]
-        omitted += frames.omitted
-        if frames.T_world_camera is not None:
-            poses.append(frames.T_world_camera)
+            signatures.heading[count : count + len(described)] = described.heading
+        count += len(described)
+        keys += [plan.keys[i] for i in batch["plan_index"]]
+        omitted += batch["omitted"].tolist()
+        if "T_world_camera" in batch:
+            poses.append(batch["T_world_camera"])
     if signatures is None:
         raise DataError("the sensor delivered no places for the study's layout; give a larger area or a smaller step")
     state = parts.descriptor.state() if isinstance(parts.descriptor, TrainedDescriptor) else {}
     return Places(signatures[slice(count)], np.concatenate(poses) if poses else None, keys, state, provenance), omitted
+
+
+def _described(
+    parts: Parts, plan: Plan, share: tuple[int, int], record: Recorder, stage: str
+) -> Iterator[dict[str, Array]]:
+    """Some frames of a plan described, batch by batch; the first says by what they were taken."""
+    provenance: Provenance | None = None
+    for frames in deliver(parts, plan, record, stage, share):
+        described = describe(parts.descriptor, frames, record)
+        batch = {
+            "place": described.place,
+            "plan_index": frames.plan_index,
+            "omitted": np.array(frames.omitted, np.str_),
+        }
+        if described.heading is not None:
+            batch["heading"] = described.heading
+        if frames.T_world_camera is not None:
+            batch["T_world_camera"] = frames.T_world_camera
+        if provenance is None:
+            provenance = provenance_of(frames, parts.sensor)
+            batch["provenance"] = np.array([json.dumps(asdict(provenance))])
+        yield batch
+
+
+def _read_provenance(text: str) -> Provenance:
+    content = json.loads(text)
+    degrees = content.pop("elevations_deg")
+    return Provenance(**content, elevations_deg=degrees and (degrees[0], degrees[1]))
 
 
 def provenance_of(frames: Frames, sensor: Sensor) -> Provenance:

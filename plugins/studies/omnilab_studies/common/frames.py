@@ -11,18 +11,32 @@ import numpy as np
 from omnilab.api import Disturbance, Frames, Parts, Plan, Recorder
 
 
-def deliver(parts: Parts, plan: Plan, record: Recorder, stage: str) -> Iterator[Frames]:
-    """The frames of a plan, with progress shown and the sensor's time measured."""
-    frames = parts.sensor.frames(plan)
+def at_once(parts: Parts) -> int:
+    """How many frames the sensor delivers at a time, as far as it says: results of these are computed together."""
+    return int(getattr(parts.sensor, "batch", 1))
+
+
+def deliver(
+    parts: Parts, plan: Plan, record: Recorder, stage: str, share: tuple[int, int] | None = None
+) -> Iterator[Frames]:
+    """The frames of a plan, or those of a share, first to last; with progress shown and the sensor's time measured."""
+    first, last = share or (0, len(plan))
+    whole = (first, last) == (0, len(plan))
+    frames = parts.sensor.frames(plan if whole else plan.part(first, last))
     counted = record.track(
-        _timed(frames, record, f"{stage}: images"), stage, len(plan), lambda f: len(f) + len(f.omitted)
+        _timed(frames, record, f"{stage}: images"), stage, last - first, lambda f: len(f) + len(f.omitted)
     )
-    yield from counted
+    if whole:
+        yield from counted
+    else:
+        yield from (replace(batch, plan_index=first + batch.plan_index) for batch in counted)
 
 
-def deliver_queries(parts: Parts, plan: Plan, record: Recorder, seed: int) -> Iterator[Frames]:
-    """The frames of a plan of queries, disturbed by the run's disturbances."""
-    for frames in deliver(parts, plan, record, "queries"):
+def deliver_queries(
+    parts: Parts, plan: Plan, record: Recorder, seed: int, share: tuple[int, int] | None = None
+) -> Iterator[Frames]:
+    """The frames of a plan of queries, or of a share of it, disturbed by the run's disturbances."""
+    for frames in deliver(parts, plan, record, "queries", share):
         if not parts.disturbances:
             yield frames
             continue

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
 from omnilab.api import (
     Answers,
+    Array,
+    Batch,
     Bytes,
     DistanceField,
     Estimate,
@@ -27,7 +31,7 @@ from omnilab.api import (
 from omnilab.geometry import heading_of
 from omnilab.metrics import spacing
 from omnilab_studies.common.describing import describe
-from omnilab_studies.common.frames import deliver_queries
+from omnilab_studies.common.frames import at_once, deliver_queries
 from omnilab_studies.common.logs import show_frame
 from omnilab_studies.common.scores import Degeneracy, ScoredEstimates, joined_estimates, known_poses, score
 
@@ -42,14 +46,25 @@ class ExampleQuery:
     truth_m: Floats | None = None  # (3,)
     answer_m: Floats | None = None  # (3,)
 
-    def update(self, scored: ScoredEstimates, field: Floats | None) -> None:
-        """Take the nearest query of a batch, if it is nearer than the one so far."""
+    def update(self, truth_m: Floats, answer_m: Floats, field: Floats | None) -> None:
+        """Take the nearest of some queries, true positions and answers (Q, 3), if it is nearer than the one so far."""
         if field is None:
             return
-        away = np.linalg.norm(scored.truth_m[:, :2] - EXAMPLE_M, axis=1)
+        away = np.linalg.norm(truth_m[:, :2] - EXAMPLE_M, axis=1)
         best = int(away.argmin())
         if self.truth_m is None or away[best] < np.linalg.norm(self.truth_m[:2] - EXAMPLE_M):
-            self.field, self.truth_m, self.answer_m = field[best], scored.truth_m[best], scored.answer_m[best]
+            self.field, self.truth_m, self.answer_m = field[best], truth_m[best], answer_m[best]
+
+    @property
+    def batch(self) -> dict[str, Array]:
+        """Itself, as arrays of one row; none if there is no such query."""
+        if self.field is None or self.truth_m is None or self.answer_m is None:
+            return {}
+        return {
+            "example_field": self.field[None],
+            "example_truth_m": self.truth_m[None],
+            "example_answer_m": self.answer_m[None],
+        }
 
 
 @dataclass
@@ -68,6 +83,8 @@ class LocalizationRun:
         self.step_m = spacing(self.places_m)
         self._degeneracy = Degeneracy(self.places)
         self._degeneracy.log_map(self.record)
+        if self.parts.shards.merges:
+            return
         with self.record.timed("prepare the map"):
             self._index = self.parts.localizer.prepare(self.places, self.parts.distance)
 
@@ -90,30 +107,58 @@ class LocalizationRun:
 
     def localize(self, plan: Plan, seed: int, motion: Floats | None = None) -> ScoredEstimates:
         """Localise all frames of a plan of queries, in order; `seed` is that of the disturbances."""
+
+        def compute(first: int, last: int) -> Iterator[Batch]:
+            return self._located(plan, (first, last), seed, motion)
+
         batches: list[ScoredEstimates] = []
-        for frames in deliver_queries(self.parts, plan, self.record, seed):
-            self.omitted += frames.omitted
-            signatures = describe(self.parts.descriptor, frames, self.record)
-            with self.record.timed("localise", len(frames)):
-                estimates = self.locate(signatures, None if motion is None else motion[frames.plan_index])
-            batches.append(self.score(frames, signatures, estimates))
-            self.example.update(batches[-1], estimates.field)
-            self._log(frames, signatures, batches[-1], estimates.field, len(plan))
+        for batch in self.parts.shards.work("queries", len(plan), compute, at_once(self.parts)):
+            self._degeneracy.count(batch)
+            if "place" in batch:
+                batches.append(ScoredEstimates(**{each.name: batch[each.name] for each in fields(ScoredEstimates)}))
+                self._log_errors(batches[-1])
+            if "omitted" in batch:
+                self.omitted += batch["omitted"].tolist()
+            if "example_field" in batch:
+                self.example.update(*(batch[f"example_{name}"] for name in ("truth_m", "answer_m", "field")))
         scored = joined_estimates(batches)
         self.log_degeneracy()
         self.record.log("answers", Answers(scored.truth_m, scored.answer_m, list(scored.verdict)))
         return scored
 
-    def _log(
-        self, frames: Frames, signatures: Signatures, scored: ScoredEstimates, field: Floats | None, total: int
-    ) -> None:
-        """Errors of every query, images of some."""
+    def _located(
+        self, plan: Plan, share: tuple[int, int], seed: int, motion: Floats | None
+    ) -> Iterator[dict[str, Array]]:
+        """A share of the queries: of each batch what `ScoredEstimates` holds and what is degenerate, then the example."""
+        example = ExampleQuery()
+        for frames in deliver_queries(self.parts, plan, self.record, seed, share):
+            signatures = describe(self.parts.descriptor, frames, self.record)
+            with self.record.timed("localise", len(frames)):
+                estimates = self.locate(signatures, None if motion is None else motion[frames.plan_index])
+            scored = score(frames, estimates, self.places_m, self.step_m, self._degeneracy.alike)
+            example.update(scored.truth_m, scored.answer_m, estimates.field)
+            self._show(frames, signatures, scored, estimates.field, len(plan))
+            yield (
+                vars(scored)
+                | self._degeneracy.look_at(signatures, scored)
+                | {"omitted": np.array(frames.omitted, np.str_)}
+            )
+        yield example.batch
+
+    def _log_errors(self, scored: ScoredEstimates) -> None:
+        """Errors of every query."""
         steps, stamps = scored.plan_index, scored.stamps_ns
         self.record.log("error/position_m", Series(scored.error_m, steps, stamps, "m"))
         if scored.has_headings:
             own = scored.decided
             errors = Series(scored.heading_error_deg[own], steps[own], stamps[own], "deg")
             self.record.log("error/heading_deg", errors)
+
+    def _show(
+        self, frames: Frames, signatures: Signatures, scored: ScoredEstimates, field: Floats | None, total: int
+    ) -> None:
+        """Images of some queries."""
+        steps, stamps = scored.plan_index, scored.stamps_ns
         every = max(1, -(-total // self.show)) if self.show > 0 else total + 1
         for i in np.flatnonzero((steps + 1) % every == 0):
             tick = Tick(int(steps[i]), int(stamps[i]))
@@ -135,3 +180,13 @@ def estimate_of(scored: ScoredEstimates, i: int) -> Estimate:
         scored.truth_m[i], scored.answer_m[i], str(scored.verdict[i]),
         float(heading_of(scored.truth[i])), heading if np.isfinite(heading) else None,
     )  # fmt: skip
+
+
+def answer_row(step: int, key: str, estimates: Estimates, i: int) -> dict[str, Any]:
+    """The estimate of query i as a row of `answers.csv`."""
+    x, y, z = estimates.position_m[i].tolist()
+    heading = np.nan if estimates.heading_rad is None else float(np.rad2deg(estimates.heading_rad[i]))
+    return {
+        "query": step, "key": key, "place": int(estimates.place[i]), "answer_x_m": x, "answer_y_m": y, "answer_z_m": z,
+        "answer_heading_deg": heading, "distance": float(estimates.distance[i]),
+    }  # fmt: skip

@@ -5,6 +5,8 @@ from __future__ import annotations
 from omnilab.api import Floats, Frames, Image, Pose, Recorder, Sensor, Signature, Tick, ViewLayout
 from omnilab.image import panorama
 
+VERDICT_COLORS = "green nearest, amber second, red wrong"  # in titles of maps
+
 
 def start_logs(record: Recorder, layout: ViewLayout, sensor: Sensor) -> None:
     """The viewer's layout, and the room where the sensor knows it: the first records of a run."""

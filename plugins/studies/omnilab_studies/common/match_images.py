@@ -17,13 +17,15 @@ def draw_matches(frame: Frames, motion: Motion | None) -> Bytes:
     Lines lead from where a match would be under the motion's rotation alone to where it is: green of inliers, red of
     outliers. The half of the panorama that won a half-window vote is bright.
     """
+    import cv2
+
     rows, columns = PANORAMA_SHAPE
-    picture = panorama(to_color(frame.images), frame.camera, (ZOOM * rows, ZOOM * columns))[0]
+    picture = to_color(panorama(frame.images, frame.camera, (ZOOM * rows, ZOOM * columns)))[0]
     if motion is not None and motion.window_rad is not None:
         azimuth = 2 * np.pi * np.arange(ZOOM * columns) / (ZOOM * columns)
         outside = np.mod(azimuth - motion.window_rad, 2 * np.pi) >= np.pi
         picture[:, outside] //= 2
-    picture = np.ascontiguousarray(picture[:, ::-1])
+    picture = np.asarray(cv2.flip(picture, 1), np.uint8)
     if motion is not None and motion.matches is not None:
         _draw_displacements(picture, motion, motion.matches)
     return picture

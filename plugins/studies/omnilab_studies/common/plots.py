@@ -47,14 +47,20 @@ def plain_axes(axes: Axes) -> None:
 
 
 def plain_logarithmic(axes: Axes, along: str = "x") -> None:
-    """A logarithmic axis with the ticks 1, 2, 5, 10, ... as plain numbers."""
+    """A logarithmic axis with the ticks 1, 2, 5, 10, ... as plain numbers; 1, 2, 3, 4, ... over a short range, 1, 10, ... over a long one.
+
+    The axis stays linear where nothing positive is drawn, for which no logarithmic one can be.
+    """
     from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
+    shared = axes.get_shared_x_axes() if along == "x" else axes.get_shared_y_axes()
+    if not any(np.isfinite(getattr(one.dataLim, f"minpos{along}")) for one in shared.get_siblings(axes)):
+        return
     axes.set(**{f"{along}scale": "log"})
     axis = axes.xaxis if along == "x" else axes.yaxis
     low, high = axis.get_view_interval()
-    narrow = high < 300 * low  # else they would stand too close
-    axis.set_major_locator(LogLocator(subs=(1, 2, 5) if narrow else (1,)))
+    subs = range(1, 10) if high < 6 * low else (1, 2, 5) if high < 300 * low else (1,)  # neither too few nor too close
+    axis.set_major_locator(LogLocator(subs=subs))
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axis.set_minor_locator(NullLocator())
 

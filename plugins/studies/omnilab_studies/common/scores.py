@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from omnilab.api import Bools, Estimates, Floats, Frames, Ints, Places, Recorder, Signatures, Text
+from omnilab.api import Array, Bools, Estimates, Floats, Frames, Ints, Places, Recorder, Signatures, Text
 from omnilab.errors import DataError
 from omnilab.geometry import heading_of
 from omnilab.metrics import (
@@ -154,18 +154,38 @@ class Degeneracy:
         self.alike = first_alike(places.signatures)  # (P,)
         self._all_alike = len(self.alike) > 1 and not self.alike.any()
         self._first: Signatures | None = None  # of the queries
-        self._queries = self._equal = self._of_map = self._undecided = 0
+        self._queries = self._of_map = self._undecided = 0
+        self._all_equal = True  # are the queries so far
 
     def add(self, signatures: Signatures, scored: ScoredEstimates) -> None:
         """Take note of a batch of queries."""
+        self.count(self.look_at(signatures, scored))
+
+    def look_at(self, signatures: Signatures, scored: ScoredEstimates) -> dict[str, Array]:
+        """What there is to note of a batch of queries, as arrays that can be kept and joined."""
         if not len(signatures):
+            return {}
+        first, answered = signatures[:1], self._places.signatures[scored.place]
+        found: dict[str, Array] = {
+            "first_place": first.place,
+            "like_first": equal(signatures, first[np.zeros(len(signatures), int)]),
+            "of_map": equal(signatures, answered),
+            "undecided": ~scored.decided,
+        }
+        return found if first.heading is None else found | {"first_heading": first.heading}
+
+    def count(self, seen: Mapping[str, Array]) -> None:
+        """Take note of what `look_at` found, in one batch or in several that were joined."""
+        if "of_map" not in seen:
             return
-        self._first = signatures[:1] if self._first is None else self._first
-        answered = self._places.signatures[scored.place]
-        self._queries += len(signatures)
-        self._equal += int(equal(signatures, self._first[np.zeros(len(signatures), int)]).sum())
-        self._of_map += int(equal(signatures, answered).sum())
-        self._undecided += int((~scored.decided).sum())
+        firsts = Signatures(seen["first_place"], seen.get("first_heading"))
+        self._first = firsts[:1] if self._first is None else self._first
+        self._all_equal &= bool(
+            seen["like_first"].all() and equal(firsts, self._first[np.zeros(len(firsts), int)]).all()
+        )
+        self._queries += len(seen["of_map"])
+        self._of_map += int(seen["of_map"].sum())
+        self._undecided += int(seen["undecided"].sum())
 
     def map_warnings(self) -> list[str]:
         """On the map."""
@@ -179,7 +199,7 @@ class Degeneracy:
     def query_warnings(self) -> list[str]:
         """On the queries so far."""
         found = []
-        if self._queries > 1 and self._equal == self._queries:
+        if self._queries > 1 and self._all_equal:
             found.append(
                 f"all {self._queries} queries have equal signatures, as black or constant pictures have: they get one answer"
             )

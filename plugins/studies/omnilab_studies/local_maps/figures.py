@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from omnilab_studies.common.plots import as_floor_plan, blank_figure
+from omnilab_studies.common.plots import as_floor_plan, blank_figure, plain_logarithmic
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,7 +50,8 @@ def errors(results: Sequence[LocalMapResult], localizer: str) -> Figure:
     for axes in grid.ravel()[len(names) :]:
         axes.set_axis_off()
     for axes in grid[:, 0]:
-        axes.set(ylabel="position error [m]", yscale="log")
+        axes.set_ylabel("position error [m]")
+    plain_logarithmic(grid[0, 0], "y")  # which the others share
     handles = [_patch(COLORS[k % len(COLORS)]) for k in range(len(counts))]
     labels = [f"{count} places" for count in counts]
     figure.legend(
@@ -104,7 +105,8 @@ def times(results: Sequence[LocalMapResult]) -> Figure:
     left.set(xlabel="places in the local map", title=f"Embedding, step {first:g} m")
     right.set(xlabel="places in the whole map", title="Search and embedding")
     for axes in (left, right):
-        axes.set(ylabel="ms a query", yscale="log")
+        axes.set_ylabel("ms a query")
+        plain_logarithmic(axes, "y")
         axes.legend(fontsize=8, frameon=False)
         axes.grid(alpha=0.25, which="both")
         axes.spines[["top", "right"]].set_visible(False)
@@ -122,7 +124,7 @@ def _curve(axes: Axes, points: Mapping[int, float], label: str, color: str) -> N
 
 def fitted(maps: Sequence[FittedMap]) -> Figure:
     """Local maps over the truth, up to three a row: a line joins each place's true and estimated position (figure 4.7c)."""
-    columns = min(3, len(maps))
+    columns = min(3, len(maps)) if len(maps) != 4 else 2
     rows = -(-len(maps) // columns)
     figure = blank_figure(3.8 * columns, 3.9 * rows + 0.7)
     grid = figure.subplots(rows, columns, squeeze=False)

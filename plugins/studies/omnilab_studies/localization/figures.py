@@ -10,7 +10,7 @@ import numpy.typing as npt
 from omnilab.api import Floats, Ints
 from omnilab.metrics import VERDICTS
 from omnilab_studies.common.localization_metrics import curve, true_ranks
-from omnilab_studies.common.plots import COLORS, as_floor_plan, blank_figure
+from omnilab_studies.common.plots import COLORS, as_floor_plan, blank_figure, plain_axes, plain_logarithmic
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,14 +52,14 @@ def recall(ranks: Ints, precision: Floats, recalled: Floats, place_count: int) -
     known = ranks[ranks > 0]
     shares = [100 * float(np.mean(known <= k)) if len(known) else np.nan for k in n]
     among.plot(n, shares, ".-", color=COLORS["nearest"], markersize=4)
-    among.set(xscale="log", xlabel="N", ylabel="queries [%]", ylim=(0, 103), title="A true place is among the first N")
+    among.set(xlabel="N", ylabel="queries [%]", ylim=(0, 103), title="A true place is among the first N")
     curve.step(100 * recalled, 100 * precision, where="pre", color=COLORS["nearest"])
     curve.set(
         xlabel="recall [%]", ylabel="precision [%]", xlim=(0, 103), ylim=(0, 103), title="As answers are accepted"
     )
     for axes in (among, curve):
-        axes.grid(alpha=0.25)
-        axes.spines[["top", "right"]].set_visible(False)
+        plain_axes(axes)
+    plain_logarithmic(among)
     return figure
 
 

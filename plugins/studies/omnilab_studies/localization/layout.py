@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from omnilab.api import Panel, ViewLayout
+from omnilab_studies.common.logs import VERDICT_COLORS
 
 LAYOUT = ViewLayout(
     columns=(
         (
-            Panel("map", "Places and queries", ("room", "places", "camera", "estimate", "answers")),
+            Panel("map", f"Places and queries: {VERDICT_COLORS}", ("room", "places", "camera", "estimate", "answers")),
             Panel("map", "Distance of the query to every place", ("distances",)),
         ),
         (

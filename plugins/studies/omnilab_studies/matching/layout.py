@@ -11,12 +11,12 @@ def layout_of(odometries: Sequence[str]) -> ViewLayout:
     """The pairs in the world, each odometry's matches, and how many agree with the truth."""
     return ViewLayout(
         columns=(
-            (Panel("map", "World and pairs of images", ("room", "images", "camera")),),
-            tuple(Panel("image", f"{name}: inliers of a pair", (f"matches/{name}",)) for name in odometries),
             (
+                Panel("map", "World and pairs of images", ("room", "images", "camera")),
                 Panel("plot", "Matches of a pair that agree with the truth", ("agreeing",)),
-                Panel("text", "Result", ("summary",)),
             ),
+            tuple(Panel("image", f"{name}: inliers of a pair", (f"matches/{name}",)) for name in odometries),
+            (Panel("text", "Result", ("summary",)), Panel("log", "Log", ("log",))),
         ),
         widths=(2, 3, 2),
     )

@@ -133,15 +133,16 @@ def backends_of(parts: Parts) -> dict[str, Backend]:
 def _show_graph(record: Recorder, graph: PoseGraph, truth: Floats | None, backends: Mapping[str, Backend]) -> None:
     """Log the graph before its optimisation."""
     record.log("", layout_of(list(backends), "start" if truth is None else "truth"))
-    record.log("start", PlaceMap(matrices(graph.poses)[:, :3, 3]))
-    if truth is not None:
-        record.log("truth", PlaceMap(matrices(truth)[:, :3, 3]))
+    dots, poses = ("start", graph.poses) if truth is None else ("truth", truth)
+    record.log(dots, PlaceMap(matrices(poses)[:, :3, 3]))
     record.log("before", drawn(graph, graph.poses))
 
 
 def _show_optimum(record: Recorder, name: str, graph: PoseGraph, optimized: Optimized, step: int) -> None:
     """Log the graph after the optimisation, from `step` on, and what the back end says."""
     record.log(f"after/{name}", drawn(graph, optimized.poses), Tick(step, step * STEP_NS))
+    fell = f"chi2 {optimized.chi2_before:.4g} before, {optimized.chi2:.4g} after {optimized.iterations} iterations"
+    record.log("log", Text(f"{name}: {fell}"))
     for sentence in optimized.warnings:
         record.log("log", Text(f"{name}: {sentence}", "WARN"))
     for sentence in notes_of(graph, optimized):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import insort
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
@@ -23,6 +24,7 @@ from omnilab.api import (
     Unusable,
 )
 from omnilab.errors import DataError
+from omnilab.metrics import middle
 from omnilab.posegraph.graph import moved
 
 BRIDGE_STEPS = 3.0  # standard deviation of a step that was not measured, in usual steps
@@ -100,7 +102,8 @@ class FrontEnd:
         self._ends, self._motions, self._covariances = list[tuple[int, int]](), list[Floats](), list[Floats]()
         self._odometry_of: list[int] = []  # of each edge: which odometry's lengths they are
         self._loops: list[bool] = []  # of each edge: whether it closes a loop
-        self._steps: list[float] = []  # lengths of the own odometry's motions
+        self._steps: list[float] = []  # lengths of the own odometry's motions, in their order by size
+        self._intervals: list[int] = []  # between images, in the same order
         self._last_motion: Floats = np.zeros(3)  # of the own odometry
 
     @property
@@ -124,6 +127,11 @@ class FrontEnd:
         """Which edges (E,) close loops."""
         return np.array(self._loops, bool)
 
+    @property
+    def ends(self) -> Ints:
+        """The nodes (E, 2) that each edge leads from and to."""
+        return np.array(self._ends, int).reshape(-1, 2)
+
     def graph(self) -> PoseGraph:
         """All edges, lengths as they were estimated; and the poses as they came."""
         ends, motions, information = self._edges(0)
@@ -141,7 +149,7 @@ class FrontEnd:
         with self._record.timed("odometry"):
             estimates = [tracker.estimate(frame, node, rng) for tracker in self.trackers]
         own = estimates[0]
-        usual = float(np.median(self._steps)) if self._steps else 1.0
+        usual = middle(self._steps) if self._steps else 1.0
         with self._record.timed("recall"):
             closures = self._database.query(frame, _shared(own.features), usual, rng)
         if node == 0:
@@ -162,7 +170,9 @@ class FrontEnd:
                 f"image {frame.keys[0]} was taken {-waited / 1e9:g} s before the one it follows; put the images in the"
                 " order of their times"
             )
-        return waited / float(np.median(np.diff(self.stamps_ns))) if len(self.stamps_ns) > 2 else 1.0
+        late = waited / middle(self._intervals) if len(self._intervals) > 1 else 1.0
+        insort(self._intervals, waited)
+        return late
 
     def _add_odometry(self, node: int, estimates: list[OdometryEstimate], late: float, usual: float) -> str:
         """Edges of the estimates to the new node, or a bridge; why there had to be one, in a few words."""
@@ -174,26 +184,28 @@ class FrontEnd:
         before, own, _ = estimates[0]
         if 0 in sound:
             step = self._last_motion = own.vector
-            self._steps.append(float(np.hypot(*own.vector[:2])))
+            insort(self._steps, float(np.hypot(*own.vector[:2])))
         else:
             before, step = node - 1, self._guess(node, estimates, sound, late)
             if not sound:
                 wide = (BRIDGE_STEPS * usual * late) ** 2
-                self._add(before, node, step, np.diag([wide, wide, BRIDGE_RAD**2]), 0)
+                turn = BRIDGE_RAD**2 if gap or _turn(node, estimates[0]) is None else own.covariance[2, 2]
+                self._add(before, node, step, np.diag([wide, wide, turn]), 0)
         self.odometry_poses.append(moved(self.odometry_poses[before], step))
         return gap or own.failed
 
     def _guess(self, node: int, estimates: list[OdometryEstimate], sound: list[int], late: float) -> Floats:
         """A motion (3,) from the last image, in the own odometry's unit, where that has no sound estimate.
 
-        Another odometry's estimate, or the own one that is not trusted, or straight ahead as in the last step.
+        Another odometry's estimate, or the own one that is not trusted, or straight ahead as in the last step, turned as
+        the own estimate has it where it failed for its length alone.
         """
         for k in (*sound, 0):
             before, motion, _ = estimates[k]
             if before == node - 1 and np.isfinite(motion.vector).all():
                 ratio = self.trackers[k].factor / self.trackers[0].factor
                 return np.asarray(motion.vector * [ratio, ratio, 1.0])
-        return np.asarray(self._last_motion * [late, late, 0.0])
+        return np.append(self._last_motion[:2] * late, _turn(node, estimates[0]) or 0.0)
 
     def _compare_lengths(self, motions: list[Motion | None]) -> None:
         """Sum up the lengths of each odometry and the same in the map's unit, where one of them is in that."""
@@ -239,6 +251,12 @@ class FrontEnd:
         information = np.linalg.inv(np.array(self._covariances[start:]).reshape(-1, 3, 3))
         information = (information + information.transpose(0, 2, 1)) / 2
         return np.array(self._ends[start:]), np.array(self._motions[start:]), information
+
+
+def _turn(node: int, estimate: OdometryEstimate) -> float | None:
+    """The turn since the last image, where an estimate that failed has it and its variance: the length alone is not known."""
+    turn, variance = estimate.motion.vector[2], estimate.motion.covariance[2, 2]
+    return float(turn) if estimate.before == node - 1 and np.isfinite([turn, variance]).all() else None
 
 
 def _shared(features: Any) -> ImageFeatures | Unusable | None:

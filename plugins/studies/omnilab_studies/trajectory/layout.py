@@ -8,13 +8,17 @@ LAYOUT = ViewLayout(
     columns=(
         (
             Panel(
-                "map", "The map grows (white dots: the true trajectory)", ("room", "truth", "map", "closures", "robot")
+                "map",
+                "The map grows (white dots: truth, green: loop closures)",
+                ("room", "truth", "map", "closures", "robot"),
             ),
-            Panel("map", "By odometry alone, and optimised", ("truth", "odometry", "final")),
+            Panel(
+                "map", "By odometry alone (red), optimised (grey, loop closures green)", ("truth", "odometry", "final")
+            ),
         ),
         (
             Panel("image", "Image", ("query/image",)),
-            Panel("image", "Matches, from where a mere rotation leaves them (green: inliers)", ("query/panorama",)),
+            Panel("image", "Matches, rotation undone (green: inliers)", ("query/panorama",)),
             Panel("plot", "ms for each image", ("time/image",)),
         ),
         (

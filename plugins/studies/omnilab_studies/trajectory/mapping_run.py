@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from omnilab.api import (
     Parts,
     Plan,
     Pose,
+    Record,
     Recorder,
     Series,
     Text,
@@ -30,6 +32,8 @@ from omnilab_studies.trajectory.front_end import FrontEnd, MappingStep
 
 PATH, CLOSURE = (108, 122, 143), (42, 200, 92)
 MAPS = 200  # at most so many stages of the map go into the logs: each holds all of it
+Aside = Callable[[Callable[[], object]], object]
+Drawn = tuple[str, Record | Callable[[], Record]]  # the path of a record; and it, or what draws it
 NONE = Graph(np.zeros((0, 3)), np.zeros((0, 2), int))
 
 
@@ -37,10 +41,12 @@ class MappingRun:
     """The trajectory so far: the map, the steps, and the truth where the sensor knows it.
 
     The map starts at the true first pose. In the logs it is scaled by the length of the true path so far over its own, so
-    that it lies over the truth.
+    that it lies over the truth. What is drawn and logged of a step goes through `aside`: see `Recorder.aside`.
     """
 
-    def __init__(self, parts: Parts, plan: Plan, record: Recorder, show: int, gap: float) -> None:
+    def __init__(
+        self, parts: Parts, plan: Plan, record: Recorder, show: int, gap: float, aside: Aside = lambda action: action()
+    ) -> None:
         if not isinstance(parts.backend, IncrementalBackend):
             raise ConfigError(f"{type(parts.backend).__name__} takes no poses as they come; give backend=gtsam_isam2")
         self._planned = plan.T_world_camera
@@ -51,7 +57,7 @@ class MappingRun:
         self.keys: list[str] = []
         self.times_ms: list[float] = []
         self.delivered: list[int] = []  # which of the plan's frames came
-        self._record, self._closures_shown = record, False
+        self._record, self._aside, self._closures_shown = record, aside, False
         self._true_length = self._mapped_length = np.float64(0.0)  # of the path so far
         self._shown, self._stages = (set(evenly(len(plan), most).tolist()) for most in (show, MAPS))
 
@@ -73,49 +79,52 @@ class MappingRun:
         self.steps.append(step)
         self.keys.append(frame.keys[0])
         self.delivered.append(int(frame.plan_index[0]))
-        self._log_step(frame, step)
+        records = self._records(frame, step)
         self.times_ms.append(1e3 * (time.perf_counter() - start))
         tick = self.tick(len(self.steps) - 1)
-        series = Series(np.array(self.times_ms[-1:]), np.array([tick.step]), np.array([tick.stamp_ns]), "ms")
-        self._record.log("time/image", series)
+        took = Series(np.array(self.times_ms[-1:]), np.array([tick.step]), np.array([tick.stamp_ns]), "ms")
+
+        def log() -> None:
+            for path, record in records:
+                self._record.log(path, record() if callable(record) else record, tick)
+            self._record.log("time/image", took)
+
+        self._aside(log)
 
     def tick(self, node: int) -> Tick:
         """When a node came."""
         return Tick(node, self.front_end.stamps_ns[node])
 
-    def _log_step(self, frame: Frames, step: MappingStep) -> None:
+    def _records(self, frame: Frames, step: MappingStep) -> list[Drawn]:
         """The robot, warnings and loop closures; now and then the image and the map."""
-        record, node = self._record, len(self.steps) - 1
-        tick, scale = self.tick(node), self._scale()
-        record.log("robot", Pose(self._over_truth(self.front_end.online_poses[-1:], scale)[0]), tick)
-        if step.bridged:
-            record.log("log", Text(f"image {node}, {frame.keys[0]}: {step.bridged}; its step is bridged", "WARN"), tick)
-        for warning in step.warnings:
-            record.log("log", Text(warning, "WARN"), tick)
-        self._log_closures(step.closures.nodes, scale, tick)
+        node, scale = len(self.steps) - 1, self._scale()
+        sentences = [f"image {node}, {frame.keys[0]}: {step.bridged}; its step is bridged"] if step.bridged else []
+        drawn: list[Drawn] = [("robot", Pose(self._over_truth(self.front_end.online_poses[-1:], scale)[0]))]
+        drawn += [("log", Text(sentence, "WARN")) for sentence in sentences + step.warnings]
+        drawn += self._closure_records(step.closures.nodes, scale)
         if self.delivered[-1] in self._shown or node == 0:
-            record.log("query/image", Image(frame.images[0]), tick)
-            record.log("query/panorama", Image(draw_matches(frame, step.motion)), tick)
+            drawn.append(("query/image", Image(frame.images[0])))
+            drawn.append(("query/panorama", lambda: Image(draw_matches(frame, step.motion))))
             if frame.T_world_camera is not None:
-                record.log("camera", Pose(frame.T_world_camera[0]), tick)
+                drawn.append(("camera", Pose(frame.T_world_camera[0])))
         if node and self.delivered[-1] in self._stages:
-            record.log("map", self.map(self.front_end.poses(), scale), tick)
+            drawn.append(("map", self.map(self.front_end.poses(), scale)))
+        return drawn
 
-    def _log_closures(self, nodes: Ints, scale: float, tick: Tick) -> None:
+    def _closure_records(self, nodes: Ints, scale: float) -> list[Drawn]:
         """Lines from the robot to the nodes (K,) it was recognised at; none, once, after they were shown."""
-        if len(nodes):
-            online = self.front_end.online_poses
-            ends = self._over_truth([*(online[int(i)] for i in nodes), online[-1]], scale)
-            edges = np.column_stack([np.arange(len(nodes)), np.full(len(nodes), len(nodes))])
-            lines = Graph(ends[:, :3, 3], edges, np.tile(np.array(CLOSURE, np.uint8), (len(nodes), 1)))
-            self._record.log("closures", lines, tick)
-        elif self._closures_shown:
-            self._record.log("closures", NONE, tick)
-        self._closures_shown = len(nodes) > 0
+        shown, self._closures_shown = self._closures_shown, len(nodes) > 0
+        if not len(nodes):
+            return [("closures", NONE)] if shown else []
+        online = self.front_end.online_poses
+        ends = self._over_truth([*(online[int(i)] for i in nodes), online[-1]], scale)
+        edges = np.column_stack([np.arange(len(nodes)), np.full(len(nodes), len(nodes))])
+        lines = Graph(ends[:, :3, 3], edges, np.tile(np.array(CLOSURE, np.uint8), (len(nodes), 1)))
+        return [("closures", lines)]
 
     def map(self, poses: Floats, scale: float = 1.0) -> Graph:
         """The graph over poses (n, 3), loop closures in green."""
-        return Graph(self._over_truth(list(poses), scale)[:, :3, 3], self.front_end.graph().edges, self.colors)
+        return Graph(self._over_truth(list(poses), scale)[:, :3, 3], self.front_end.ends, self.colors)
 
     @property
     def colors(self) -> Bytes:

@@ -25,7 +25,7 @@ from omnilab.api import (
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, planar_poses
 from omnilab.trajectory.evaluation import Alignment, path_length
-from omnilab_studies.common.frames import deliver_queries
+from omnilab_studies.common.live.pacing import PacedFrames, ReplayPace, WhenLate
 from omnilab_studies.common.logs import start_logs
 from omnilab_studies.common.pose_sources import Source, check_is_trajectory, plan_of_trajectory
 from omnilab_studies.common.tables import markdown_table
@@ -69,6 +69,9 @@ class TrajectoryStudy:
         None, above=0
     )  # poses so close show one place, to judge loop closures; null: two usual steps
     gap: float = setting(3.0, above=1)  # a step that took so many times the usual time is bridged
+    pace: ReplayPace = ReplayPace.fast  # fast, or recorded: images come at their own times
+    when_late: WhenLate = WhenLate.queue  # images that come while others are mapped: queue, or drop all but the newest
+    waiting: int = setting(20, at_least=1, at_most=10_000)  # images at most that wait, with when_late=queue
     show: int = setting(200, at_least=1)  # images that go into the logs; the numbers of all of them do
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "odometry", "loop_closure", "backend")
@@ -92,14 +95,16 @@ class TrajectoryStudy:
         """Map image by image, optimise the whole graph, evaluate."""
         plan = self._plan(parts, rng)
         _log_truth(record, parts, plan)
-        mapping, omitted = self._map(parts, plan, record, rng)
+        frames = PacedFrames(self.pace, self.when_late, self.waiting)
+        mapping = self._map(frames, parts, plan, record, rng)
+        omitted = [*plan.omitted, *frames.omitted]
         optimized, factors = _optimize(parts, mapping, record)
         results = evaluate_run(mapping, optimized, factors, self.alignment, self.same_place_m)
         _log_results(record, results)
         metrics = metrics_of(results, len(omitted))
         return Report(
             metrics,
-            tables={"steps": step_table(results), "closures": closure_table(results)},
+            tables={"steps": step_table(results), "closures": closure_table(results), **frames.tables()},
             figures=_figures(results),
             files=files_of(results),
             summary=markdown_table(metrics, "Trajectory"),
@@ -119,19 +124,19 @@ class TrajectoryStudy:
         return plan
 
     def _map(
-        self, parts: Parts, plan: Plan, record: Recorder, rng: np.random.Generator
-    ) -> tuple[MappingRun, list[str]]:
-        """The incremental map of all images, one after the other; and the frames that were left out."""
-        mapping = MappingRun(parts, plan, record, self.show, self.gap)
+        self, frames: PacedFrames, parts: Parts, plan: Plan, record: Recorder, rng: np.random.Generator
+    ) -> MappingRun:
+        """The incremental map of all images, one after the other."""
         seed, mapping_rng = int(rng.integers(2**32)), np.random.default_rng(rng.integers(2**32))
-        omitted = list(plan.omitted)
-        for frames in deliver_queries(parts, plan, record, seed):
-            omitted += frames.omitted
-            for i in range(len(frames)):
-                mapping.process(frames.at(i), mapping_rng)
+        with record.aside() as aside:
+            mapping = MappingRun(parts, plan, record, self.show, self.gap, aside)
+            for arrived in frames.of(parts, plan, record, seed):
+                with frames.answering(arrived, record):
+                    mapping.process(arrived.frame, mapping_rng)
+        frames.log(record)
         if len(mapping.steps) < 2:
             raise DataError(f"a sequence of {len(mapping.steps)} image makes no trajectory; give 2 or more")
-        return mapping, omitted
+        return mapping
 
 
 def _optimize(parts: Parts, mapping: MappingRun, record: Recorder) -> tuple[dict[str, Optimized], Floats]:

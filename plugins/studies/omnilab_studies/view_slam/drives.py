@@ -80,15 +80,15 @@ class Drives:
             wrong,
         )
 
-    def drives(self, scenario: Scenario, views: int, base: int, seeds: int) -> list[Drive]:
-        """A drive of each seed; ConfigError if they do not fit into memory."""
+    def drives(self, scenario: Scenario, views: int, base: int, seeds: int, first: int = 0) -> list[Drive]:
+        """A drive of each seed, from the `first`; ConfigError if they do not fit into memory."""
         seen = self.laps * len(scenario.lap) * views  # a view at a step
         check_work(
             f"{seeds} drives of {self.laps} laps with {views} views",
             "give fewer study.seeds, study.drives.laps or views",
             memory=seen * (SEEN_BYTES * seeds + WALL_BYTES * len(scenario.walls_m)),
         )
-        return [self.drive(scenario, views, np.random.default_rng([base, k])) for k in range(seeds)]
+        return [self.drive(scenario, views, np.random.default_rng([base, k])) for k in range(first, first + seeds)]
 
     def _path(self, scenario: Scenario, rng: np.random.Generator) -> Floats:
         """Lap after lap, back to the start; with halts."""

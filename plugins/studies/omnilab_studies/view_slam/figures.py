@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from omnilab.api import Floats
-from omnilab_studies.common.plots import as_floor_plan, style_of
+from omnilab_studies.common.plots import as_floor_plan, plain_logarithmic, style_of
 from omnilab_studies.common.plots import blank_figure as blank
 from omnilab_studies.view_slam.consistency import ellipses
 from omnilab_studies.view_slam.display import error_bands
@@ -50,15 +50,15 @@ def against_count(rows: Rows, times: Rows, names: Sequence[str]) -> Figure:
         both.plot(ms, [row["rms_m"] for row in own], **style, label=name)
         for row, one in zip(own, ms, strict=True):
             both.annotate(str(row["views"]), (one, row["rms_m"]), xytext=(3, 4), textcoords="offset points", fontsize=7)
-    cost.set(xlabel="views N", ylabel="time of a step, median [ms]", title="Time", yscale="log", xscale="log")
+    cost.set(xlabel="views N", ylabel="time of a step, median [ms]", title="Time", xscale="log")
     marks = sorted({row["views"] for row in times})
     cost.set_xticks(marks, [str(mark) for mark in marks])
     cost.minorticks_off()
-    both.set(
-        xlabel="time of a step, median [ms]", ylabel="RMS error [m]", title="Error against time, N beside", xscale="log"
-    )
+    both.set(xlabel="time of a step, median [ms]", ylabel="RMS error [m]", title="Error against time, N beside")
     for axes in (cost, both):
         _finish(axes)
+    plain_logarithmic(cost, "y")
+    plain_logarithmic(both)
     return figure
 
 
@@ -76,11 +76,12 @@ def consistency(rows: Rows, key: str, label: str, names: Sequence[str]) -> Figur
             low.plot(x, [100 * row["nees_within"] for row in own], **style, label=name)
             high.axhspan(own[0]["nees_low"], own[0]["nees_high"], color=style["color"], alpha=0.12, linewidth=0)
         high.axhline(3, color=GREY, linewidth=1)
-        high.set(title=ground, ylabel="NEES (3 expected, bands 95 %)", yscale="log")
+        high.set(title=ground, ylabel="NEES (3 expected, bands 95 %)")
         low.axhline(95, color=GREY, linewidth=1)
         low.set(xlabel=label, ylabel="steps within the bounds [%]", ylim=(0, 102))
         for axes in (high, low):
             _finish(axes)
+        plain_logarithmic(high, "y")
     return figure
 
 
@@ -215,10 +216,11 @@ def cost(clocks: Mapping[str, FilterClock]) -> Figure:
         width = max(1, len(ms) // 50)
         starts = np.arange(0, len(ms), width)
         taken.plot(starts + width / 2, [np.median(ms[start : start + width]) for start in starts], **plain)
-    state.set(xlabel="image", ylabel="variables", title="Variables that are estimated", yscale="log")
-    taken.set(xlabel="image", ylabel="processor time of the filter [ms]", title="Time, without features", yscale="log")
+    state.set(xlabel="image", ylabel="variables", title="Variables that are estimated")
+    taken.set(xlabel="image", ylabel="processor time of the filter [ms]", title="Time, without features")
     for axes in figure.axes:
         _finish(axes)
+        plain_logarithmic(axes, "y")
     return figure
 
 

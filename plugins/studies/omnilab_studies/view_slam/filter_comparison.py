@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnilab.api import Floats, Metric, Parts, Recorder, Text, ViewFilter
+from omnilab.api import Array, Batch, Floats, Metric, Parts, Recorder, Text, ViewFilter
 from omnilab.errors import ConfigError
 from omnilab.metrics import bootstrap
 from omnilab_studies.view_slam.consistency import nees_bounds
@@ -98,18 +98,39 @@ class FilterComparison:
         self, name: str, drives: Sequence[Drive], range_m: float, case: Mapping[str, Any], label: str
     ) -> list[FilterRun]:
         """One filter on the drives of a case: values of the table's first columns, and a label for warnings."""
-        runs = []
         with self._record.timed(f"filter: {name}", len(drives)):
-            for drive in drives:
-                run, trace = evaluated_run(self._filters[name], drive, range_m)
-                runs.append(run)
-                self._limiter.log(f"{name}, {label}", trace.warnings)
+            found = [evaluated_run(self._filters[name], drive, range_m) for drive in drives]
+        return self.add(name, [(run, trace.warnings) for run, trace in found], case, label)
+
+    def add(
+        self, name: str, found: Sequence[tuple[FilterRun, Sequence[str]]], case: Mapping[str, Any], label: str
+    ) -> list[FilterRun]:
+        """One filter's runs on the drives of a case, with its warnings: rows of the tables."""
+        runs = [run for run, _ in found]
+        for _, warnings in found:
+            self._limiter.log(f"{name}, {label}", warnings)
         if name == next(iter(self._filters)):
             self._first = runs
         columns = {**case, "filter": name}
         self.rows.append({**columns, **row_of(runs, self._first, self._common, self._rng)})
         self.drive_rows += [{**columns, **row} for row in drives_of(runs)]
         return runs
+
+
+def batch_of(run: FilterRun, warnings: Sequence[str]) -> dict[str, Array]:
+    """A run and its warnings as arrays, which can be kept and joined."""
+    numbers = {name: np.array([value]) for name, value in run._asdict().items() if name != "nees"}
+    return numbers | {"nees": run.nees, "steps": np.array([len(run.nees)]), "sentences": np.array(warnings, np.str_)}
+
+
+def runs_of(batch: Batch) -> Iterator[tuple[FilterRun, list[str]]]:
+    """The runs of which a batch was made, or several that were joined; each with its warnings."""
+    names = [name for name in FilterRun._fields if name != "nees"]
+    series = np.split(batch["nees"], np.cumsum(batch["steps"])[:-1])
+    texts = np.split(batch["sentences"], np.cumsum(batch["warnings"])[:-1])
+    rows = zip(*(batch[name].tolist() for name in names), strict=True)
+    for row, nees, sentences in zip(rows, series, texts, strict=True):
+        yield FilterRun(nees=nees, **dict(zip(names, row, strict=True))), sentences.tolist()
 
 
 def evaluated_run(view_filter: ViewFilter, drive: Drive, range_m: float) -> tuple[FilterRun, FilterTrace]:

@@ -12,6 +12,7 @@ import numpy as np
 from omnilab.api import Bools, Floats, Ints, Motion, Unusable, ViewFilter, ViewMap, check_settings, setting
 from omnilab.errors import ConfigError
 from omnilab_studies.view_slam.initialisation import Initialisation, expected_gain
+from omnilab_studies.view_slam.repeated_observations import RepeatedObservations
 
 START_VARIANCE = 1e-6  # m², rad²: the first pose is known
 FINEST = 1e-9  # m², rad²: added to odometry's covariance, should that be nothing
@@ -37,6 +38,10 @@ class AssociationSettings:
     sigma_deg: float = setting(
         0.5, at_least=1e-6, at_most=1e6
     )  # standard deviation of both angles besides that of the matches
+    covariance_scale: float = setting(1.0, above=0, at_most=1e6)  # factor on the covariance of the matches
+    correlation_m: float = setting(
+        0.0, at_least=0, at_most=1e6
+    )  # integral length of the errors of a view's angles along the way, a radian counting as a metre; 0: they are independent
 
     def __post_init__(self) -> None:
         check_settings(self, "study.views.")
@@ -98,6 +103,7 @@ class ViewMapper:
         self.clock = FilterClock(self.map)
         self._settings, self._relative_pose = settings, relative_pose
         self._drift, self._driven_m = np.zeros((3, 3)), 0.0  # covariances of odometry so far, and its way
+        self._repeats = RepeatedObservations(settings.correlation_m)
 
     def know_view(self, image: int, pose: Floats, covariance: Floats) -> None:
         """A view from before, at a pose (3,) known with a covariance (3, 3)."""
@@ -110,6 +116,7 @@ class ViewMapper:
         warnings, timed = list[str](), self.clock.run
         if motion is not None:
             warnings += timed(self.map.predict, motion, covariance)
+            self._repeats.move(motion)
         if motion is not None and covariance is not None and not warnings:
             self._drift, self._driven_m = self._drift + covariance, self._driven_m + float(np.hypot(*motion[:2]))
         distance_m = np.linalg.norm(self.map.views()[:, :2] - self.map.pose()[0][:2], axis=1)
@@ -157,7 +164,8 @@ class ViewMapper:
         s, found = self._settings, []
         for view, motion in candidates.items():
             if not motion.failed and inlier_count(motion) >= s.least and distance_m[view] >= s.nearest_m:
-                found.append((view, *angles_of(motion, np.deg2rad(s.sigma_deg))))
+                angles, covariance = angles_of(motion, np.deg2rad(s.sigma_deg), s.covariance_scale)
+                found.append((view, angles, self._repeats.factor(view) * covariance))
         return (
             np.array([view for view, _, _ in found], int),
             np.array([angles for _, angles, _ in found]).reshape(-1, 2),
@@ -175,8 +183,9 @@ def inlier_count(motion: Motion) -> int:
     return 0 if motion.agree is None else int(motion.agree.sum())
 
 
-def angles_of(motion: Motion, sigma_rad: float) -> tuple[Floats, Floats]:
-    """Bearing and relative orientation (2,) of the second pose of a motion, and their covariance (2, 2)."""
+def angles_of(motion: Motion, sigma_rad: float, scale: float = 1.0) -> tuple[Floats, Floats]:
+    """Bearing and relative orientation (2,) of the second pose of a motion, and their covariance (2, 2): that of the motion
+    times a scale, and sigma besides."""
     x, y, rotation = motion.vector
     J = np.array([[-y, x, 0], [0, 0, x * x + y * y]]) / (x * x + y * y)
-    return np.array([np.arctan2(y, x), rotation]), J @ motion.covariance @ J.T + sigma_rad**2 * np.eye(2)
+    return np.array([np.arctan2(y, x), rotation]), scale * (J @ motion.covariance @ J.T) + sigma_rad**2 * np.eye(2)

@@ -10,6 +10,7 @@ import numpy as np
 from omnilab.api import Bools, Floats, ImageFeatures, Ints, Unusable, ViewFilter, check_settings, setting
 from omnilab.errors import ConfigError
 from omnilab_studies.view_slam.front_end import START_VARIANCE, FilterClock, ViewAssociation
+from omnilab_studies.view_slam.repeated_observations import RepeatedObservations
 
 LANDMARKS = "landmarks"  # what a view filter observes that declares it; others observe views
 
@@ -23,6 +24,9 @@ class LandmarkSettings:
     ratio: float = setting(0.8, above=0, at_most=1)  # a match is so much nearer than the second best
     apart_deg: float = setting(4.0, at_least=0, below=180)  # between a new landmark and those in the image
     sigma_deg: float = setting(0.5, at_least=1e-6, at_most=1e6)  # standard deviation of azimuth and elevation
+    correlation_m: float = setting(
+        0.0, at_least=0, at_most=1e6
+    )  # integral length of a landmark's errors along the way, a radian counting as a metre; 0: they are independent
 
     def __post_init__(self) -> None:
         check_settings(self, "study.landmarks.")
@@ -42,6 +46,7 @@ class LandmarkMapper:
         self.poses = [self.map.pose()]
         self.clock = FilterClock(self.map)
         self._settings, self._covariance = settings, np.deg2rad(settings.sigma_deg) ** 2 * np.eye(2)
+        self._repeats = RepeatedObservations(settings.correlation_m)
         self._descriptors: Floats = np.zeros((0, 0), np.float32)  # of the landmarks, as last seen
         self._before: Floats = np.zeros((0, 0), np.float32)  # descriptors of the features of the last image
         self._age: Ints = np.zeros(0, int)  # and in how many images in a row each was found
@@ -52,6 +57,7 @@ class LandmarkMapper:
         warnings, timed = list[str](), self.clock.run
         if motion is not None:
             warnings += timed(self.map.predict, motion, covariance)
+            self._repeats.move(motion)
         landmarks, believed = np.zeros(0, int), np.zeros(0, bool)
         angles: Floats = np.zeros((0, 2))
         if not isinstance(features, Unusable):
@@ -59,7 +65,7 @@ class LandmarkMapper:
             landmarks, found = matched(self._descriptors, descriptors, self._settings.ratio)
             angles = directions[found]
             if len(landmarks):
-                believed, more = timed(self.map.observe, landmarks, angles, self._covariances(len(landmarks)))
+                believed, more = timed(self.map.observe, landmarks, angles, self._covariances(landmarks))
                 warnings += more
                 self._descriptors[landmarks[believed]] = descriptors[found[believed]]
             self._follow(descriptors)
@@ -94,11 +100,12 @@ class LandmarkMapper:
         numbers = np.array([self.clock.run(self.map.add_view) for _ in new])
         self.images += [image] * len(new)
         self._descriptors = np.concatenate([self._descriptors.reshape(-1, descriptors.shape[1]), descriptors[new]])
-        _, warnings = self.clock.run(self.map.observe, numbers, directions[new], self._covariances(len(new)))
+        _, warnings = self.clock.run(self.map.observe, numbers, directions[new], self._covariances(numbers))
         return list(warnings)
 
-    def _covariances(self, count: int) -> Floats:
-        return np.tile(self._covariance, (count, 1, 1))
+    def _covariances(self, landmarks: Ints) -> Floats:
+        """Of one observation of each landmark (K,) now: (K, 2, 2)."""
+        return np.array([self._repeats.factor(int(landmark)) * self._covariance for landmark in landmarks])
 
 
 def _seen(features: Any) -> tuple[Floats, Floats]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -12,7 +12,7 @@ from omnilab.api import Floats, Parts, PathPoses, Plan, Recorder, Report, ViewFi
 from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import heading_of, planar_poses
 from omnilab.posegraph.graph import vectors
-from omnilab_studies.common.frames import deliver_queries
+from omnilab_studies.common.live.pacing import PacedFrames, ReplayPace, WhenLate
 from omnilab_studies.common.logs import start_logs
 from omnilab_studies.common.pose_sources import Source, check_is_trajectory, plan_of_trajectory
 from omnilab_studies.common.samples import evenly
@@ -60,6 +60,9 @@ class ViewSlam:
         default_factory=AssociationSettings
     )  # when an image shows a view, and when it becomes one
     landmarks: LandmarkSettings = field(default_factory=LandmarkSettings)  # for filters that observe landmarks
+    pace: ReplayPace = ReplayPace.fast  # fast, or recorded: images come at their own times
+    when_late: WhenLate = WhenLate.queue  # images that come while others are mapped: queue, or drop all but the newest
+    waiting: int = setting(20, at_least=1, at_most=10_000)  # images at most that wait, with when_late=queue
     show: int = setting(
         150, at_least=1
     )  # images that go into the logs, and stages of the map; the numbers of all of them do
@@ -90,15 +93,18 @@ class ViewSlam:
         mapping = ViewMappingRun(
             parts, filters, self.views, self.landmarks, self._known_covariance(), mapping_seed, record, shown, writer
         )
-        for frames in deliver_queries(parts, plan, record, seed):
-            for i in range(len(frames)):
-                mapping.process(frames.at(i))
+        frames = PacedFrames(self.pace, self.when_late, self.waiting)
+        for arrived in frames.of(parts, plan, record, seed):
+            with frames.answering(arrived, record):
+                mapping.process(arrived.frame)
+        frames.log(record)
         if len(mapping.truth) < 2:
             raise DataError(f"a sequence of {len(mapping.truth)} image makes no trajectory; give 2 or more")
         if writer:
             writer.close(next(iter(mapping.mappers.values())).map.views())
         assert plan.T_world_camera is not None
-        return report(mapping, wall_lines(parts.sensor.scene(), float(plan.T_world_camera[0, 2, 3])), record)
+        found = report(mapping, wall_lines(parts.sensor.scene(), float(plan.T_world_camera[0, 2, 3])), record)
+        return replace(found, tables={**found.tables, **frames.tables()})
 
     def _check_landmarks(self, filters: Mapping[str, ViewFilter], parts: Parts) -> None:
         """ConfigError where a filter that observes landmarks would be given views."""

@@ -224,10 +224,10 @@ def test_curves_are_shown(parts):
     record = Kept()
     run(parts, columns(2, 4), record)
     shown = {path: r for path, r in record.records if isinstance(r, Series)}
-    assert list(shown["against/bytes/k/wide"].steps) == [2, 4]
-    assert list(shown["against/bytes/k/wide"].values) == [8, 16]
-    assert "against/nearest/k/wide_bent" in shown
-    assert list(shown["curves/k/wide_apart/2"].steps) == [20, 40, 60, 80, 100]
+    assert list(shown["against/bytes/k_wide"].steps) == [2, 4]
+    assert list(shown["against/bytes/k_wide"].values) == [8, 16]
+    assert "against/nearest/k_wide_bent" in shown
+    assert list(shown["curves/k/2_wide_apart"].steps) == [20, 40, 60, 80, 100]
 
 
 def test_steps_of_the_logs():

@@ -145,6 +145,12 @@ def test_similarity_against_distance_is_that_of_the_world(report):
     assert set(report.figures) == {"density", "similarity"}
 
 
+def test_without_two_images_to_compare_there_are_maps_all_the_same():
+    found = replace(STUDY, similarities=[0.5], gains=[], compared=1).run(parts(), Recorder(), np.random.default_rng(1))
+    assert set(found.figures) == {"density"}
+    assert set(found.tables) == {"density", "drives"}
+
+
 def test_what_a_view_tells_is_the_ratio_of_determinants():
     drift, sigma = np.diag([0.01, 0.04, 0.001]), 0.02
     none = expected_gain(np.zeros((0, 2)), np.zeros((0, 2, 2)), drift, sigma, 2.0)

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 from omnilab.api import Panel, ViewLayout
+from omnilab_studies.common.logs import VERDICT_COLORS
 
 LAYOUT = ViewLayout(
     columns=(
-        (Panel("map", "The map, and the first query at each height", ("room", "places", "camera", "estimate")),),
+        (
+            Panel(
+                "map",
+                f"First query at a height: {VERDICT_COLORS}",
+                ("room", "places", "camera", "estimate"),
+            ),
+        ),
         (
             Panel("image", "Query, a height a step", ("query/image",)),
             Panel("image", "Panorama", ("query/panorama",)),

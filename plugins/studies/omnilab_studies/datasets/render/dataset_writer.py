@@ -134,6 +134,8 @@ def render_part(job: RenderJob, start: int, plan: Plan) -> RenderedPart:
             if not exists[n]:
                 depth = None if frames.depth_m is None else frames.depth_m[i]
                 job.data.write(start + int(n), written.images[i], depth)
+            elif job.need_stamps:  # it was requested all the same
+                job.data.check_same(start + int(n), written.images[i])
         delivered.append(start + frames.plan_index)
         stamps.append(frames.stamps_ns)
         omitted += frames.omitted

@@ -150,6 +150,8 @@ class Render:
 
         camera = rendered.known_camera(plan)
         data.write_poses(rendered.numbers, plan, rendered.stamps_ns, self._cells(plan))
+        if recorded and plan.T_world_camera is None:
+            data.write_stamps(rendered.numbers, rendered.stamps_ns)
         cloud_points = self._write_cloud(data, rendered.numbers, camera, plan) if self.cloud_points else None
         data.close(contents, rendered.about(camera))
         return report_of(data, rendered, plan, cloud_points)

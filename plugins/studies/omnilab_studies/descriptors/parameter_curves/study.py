@@ -204,12 +204,12 @@ def _show(record: Recorder, points: Sequence[Point]) -> None:
         steps = np.array(steps_of([point.value for point in own]))
         values = np.array([point.found[name].value for point in own])
         record.log(
-            f"against/{name}/{parameter}/{method}", Series(values, steps, np.arange(len(own)) * 10**8, UNITS[name])
+            f"against/{name}/{parameter}_{method}", Series(values, steps, np.arange(len(own)) * 10**8, UNITS[name])
         )
     for point in points:
         if point.line is not None:
             centimetres = np.round(100 * point.line.curve.distance_m).astype(int)
-            path = f"curves/{point.parameter}/{key_of(point.method.name)}/{point.value:g}"
+            path = f"curves/{point.parameter}/{point.value:g}_{key_of(point.method.name)}"
             record.log(path, Series(point.line.curve.relative, centimetres, 10_000_000 * centimetres, "1"))
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from omnilab.api import Panel, ViewLayout
+from omnilab_studies.common.logs import VERDICT_COLORS
 
 LAYOUT = ViewLayout(
     columns=(
-        (Panel("map", "Places, and answers in the first size", ("room", "places", "answers")),),
+        (Panel("map", f"First size: {VERDICT_COLORS}", ("room", "places", "answers")),),
         (
             Panel("image", "The first query's signature, a size a step", ("query/signature",)),
             Panel("plot", "Rate of nearest answers in each size", ("nearest",)),

@@ -22,7 +22,8 @@ def pictures(shown: Sequence[Bytes], levels: Sequence[Level]) -> Figure:
     """The first query, clear and at every level; a row a disturbance."""
     rows = _by_disturbance(levels)
     columns = 1 + max(len(steps) for steps in rows.values())
-    figure = blank_figure(2.0 * columns, 2.25 * len(rows))
+    height, width = shown[0].shape[:2]
+    figure = blank_figure(2.0 * columns, (2.0 * height / width + 0.25) * len(rows))
     grid = figure.subplots(len(rows), columns, squeeze=False)
     for axes in grid.flat:
         axes.set_axis_off()

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from omnilab.api import Panel, ViewLayout
+from omnilab_studies.common.logs import VERDICT_COLORS
 
 LAYOUT = ViewLayout(
     columns=(
-        (Panel("map", "Places, the first query and its answers", ("room", "places", "camera", "estimate")),),
+        (Panel("map", f"First query: {VERDICT_COLORS}", ("room", "places", "camera", "estimate")),),
         (
             Panel("image", "The first query, a level a step", ("query/image",)),
             Panel("image", "Panorama", ("query/panorama",)),

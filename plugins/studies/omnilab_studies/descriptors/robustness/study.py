@@ -16,6 +16,7 @@ from omnilab.api import (
     PlaceMap,
     Plan,
     RandomPoses,
+    RecordedPoses,
     Recorder,
     Report,
     Sensor,
@@ -45,7 +46,7 @@ LEVEL_NS = 100_000_000  # between two levels, in the logs
 class Robustness:
     """Study F: localisation by several descriptors as queries are disturbed (Berenguer, thesis, 4.6.5, fig. 4.23).
 
-    `side` x `side` places, or those of all that the sensor covers; the same queries, with the same noise, for every method: clear, then with each of the run's
+    `side` x `side` places, or those of all that the sensor covers, or of a recording (`every`); the same queries, with the same noise, for every method: clear, then with each of the run's
     disturbances alone, at each of its `levels`, from mild to strong. `area` is the mean rate of nearest answers
     over a disturbance's levels, or over all; the breakdown point is its first level at which that rate is below half of
     the clear one. The sharpness C (eq. 4.6, figure 4.24) is that of the clear queries. The logs show image and estimates of
@@ -54,6 +55,9 @@ class Robustness:
 
     side: int | None = setting(8, at_least=2, at_most=1000)  # places along x and along y; null: all that is free
     step_m: float = setting(0.2, above=0)  # between places
+    every: int | None = setting(
+        None, at_least=1
+    )  # of a recording: each n-th of its rows and columns are the places, and queries are drawn from its other images
     center_m: list[float] = setting([0.0, 0.0], count=2)  # the map is the free square nearest to it
     query_count: int = setting(200, at_least=1, at_most=1_000_000)  # queries at each level, evenly over the map's area
     heading_steps: int | None = setting(
@@ -92,37 +96,43 @@ class Robustness:
         _show_rates(record, comparison)
         summary = summary_of(comparison, costs)
         tables = {"robustness": columns_of(summary), "levels": comparison.table()}
-        drawn = self._figures(comparison, costs, places_m)
+        drawn = _figures(comparison, costs, places_m, len(plan))
         text = markdown_of(summary, levels, comparison.rates)
         return Report(metrics_of(comparison, costs), tables, drawn, summary=text)
 
     def _grid(self, sensor: Sensor) -> Plan:
+        if self.every is not None:
+            return sensor.plan(GridPoses(every=self.every))
         if self.side is None:
             return sensor.plan(GridPoses(self.step_m, height_m=self.height_m))
         return free_square(sensor, self.side, self.step_m, self.center_m, self.height_m)
 
     def _query_plan(self, sensor: Sensor, grid: Plan, rng: np.random.Generator) -> Plan:
+        if self.every is not None:
+            rest = sensor.plan(RecordedPoses(without=GridPoses(every=self.every)))
+            return rest.at(np.sort(rng.permutation(len(rest))[: self.query_count]))
         if self.side is None:
             step = None if self.heading_steps is None else 2 * np.pi / self.heading_steps
             return sensor.plan(RandomPoses(self.query_count, int(rng.integers(2**32)), step, None, self.height_m))
         at = positions_within(grid, self.query_count, rng)
         return sensor.plan(poses_with_headings(at, rng.random(self.query_count), self.heading_steps))
 
-    def _figures(self, comparison: Comparison, costs: Mapping[str, MethodCost], places_m: Floats) -> dict[str, Any]:
-        clear = comparison.at(0)
-        areas = {name: comparison.area(name) for name in comparison.names}
-        first = next(iter(clear.values()))
-        sharpness = {name: scored.sharpness for name, scored in clear.items() if np.isfinite(scored.sharpness).all()}
-        drawn = {
-            "pictures": figures.pictures(comparison.pictures, comparison.levels),
-            "rates": figures.rates(comparison.rates, comparison.levels, self.query_count),
-            "pareto": figures.pareto(costs, areas, "mean rate of nearest answers over all levels"),
-        }
-        if sharpness:
-            drawn["sharpness"] = figures.sharpness(sharpness)
-        if comparison.fields:
-            drawn["surfaces"] = figures.surfaces(places_m, comparison.fields, first.truth_m[0])
-        return drawn
+
+def _figures(comparison: Comparison, costs: Mapping[str, MethodCost], places_m: Floats, count: int) -> dict[str, Any]:
+    clear = comparison.at(0)
+    areas = {name: comparison.area(name) for name in comparison.names}
+    first = next(iter(clear.values()))
+    sharpness = {name: scored.sharpness for name, scored in clear.items() if np.isfinite(scored.sharpness).all()}
+    drawn = {
+        "pictures": figures.pictures(comparison.pictures, comparison.levels),
+        "rates": figures.rates(comparison.rates, comparison.levels, count),
+        "pareto": figures.pareto(costs, areas, "mean rate of nearest answers over all levels"),
+    }
+    if sharpness:
+        drawn["sharpness"] = figures.sharpness(sharpness)
+    if comparison.fields:
+        drawn["surfaces"] = figures.surfaces(places_m, comparison.fields, first.truth_m[0])
+    return drawn
 
 
 def _localize(

@@ -6,7 +6,10 @@ from omnilab.api import Panel, ViewLayout
 
 LAYOUT = ViewLayout(
     columns=(
-        (Panel("map", "The pair", ("room", "places", "camera")), Panel("plot", "Error of the rotation", ("error",))),
+        (
+            Panel("map", "The pair: axes of both cameras", ("room", "places", "reference_camera", "camera")),
+            Panel("plot", "Error of the rotation, a pair a step", ("error",)),
+        ),
         (
             Panel("image", "Reference", ("reference",)),
             Panel("image", "Query", ("query",)),

@@ -22,6 +22,7 @@ from omnilab.api import (
     PathPoses,
     PlaceMap,
     Plan,
+    Pose,
     RecordedPoses,
     Recorder,
     Report,
@@ -99,11 +100,12 @@ class Rotations:
         before, first = _described(methods, parts, references, record, "references", None)
         after, second = _described(methods, replace(parts, sensor=query_sensor), queries, record, "queries", seed)
 
-        T_reference, T_query = (known_poses(p.T_world_camera, "images")[:, :3, :3] for p in (references, queries))
-        truth = np.swapaxes(T_reference, -1, -2) @ T_query
+        T_reference, T_query = (known_poses(p.T_world_camera, "images") for p in (references, queries))
+        truth = np.swapaxes(T_reference[:, :3, :3], -1, -2) @ T_query[:, :3, :3]
         found = {m.name: _rotations(m, before[m.descriptor_name], after[m.descriptor_name], record) for m in methods}
         left = {name: np.swapaxes(truth, -1, -2) @ R for name, R in found.items()}
-        self._log(record, first, second, found[methods[0].name], left)
+        poses_of = {"reference_camera": T_reference, "camera": T_query}
+        self._log(record, first, second, poses_of, found[methods[0].name], left)
 
         rows = [_row(name, d, R[pairs.distance_m == d]) for name, R in left.items() for d in self.distances_m]
         errors = {name: np.rad2deg(angle_of(R)) for name, R in left.items()}
@@ -133,7 +135,8 @@ class Rotations:
         return references, queries, query_sensor
 
     def _log(
-        self, record: Recorder, first: Bytes, second: Bytes, found: Floats, left: Mapping[str, Floats]
+        self, record: Recorder, first: Bytes, second: Bytes, poses_of: Mapping[str, Floats], found: Floats,
+        left: Mapping[str, Floats],
     ) -> None:  # fmt: skip
         """Some pairs as spheres, with the query's rotation undone by the first method, and errors of all pairs."""
         steps = np.arange(len(found))
@@ -146,6 +149,8 @@ class Rotations:
             undone = reproject(second[i : i + 1], camera, camera, found[i].T)
             for path, picture in (("reference", first[i]), ("query", second[i]), ("undone", undone[0])):
                 record.log(path, Image(np.ascontiguousarray(picture[:, ::-1])), tick)  # as a person sees it
+            for path, T_world_camera in poses_of.items():
+                record.log(path, Pose(T_world_camera[i]), tick)
 
     def _metrics(self, left: Mapping[str, Floats], rng: np.random.Generator) -> list[Metric]:
         """Errors of each method over all pairs, with intervals, and the share of right answers."""

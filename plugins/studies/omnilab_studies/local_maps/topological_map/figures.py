@@ -50,7 +50,7 @@ def _map_grid(maps: Sequence[TopologicalMapResult]) -> Figure:
 def _best(maps: Sequence[TopologicalMapResult]) -> Figure:
     """The best map of each of the best methods, on one sheet."""
     best = sorted(best_of_each(maps), key=lambda one: one.rms_m)[:MOST]
-    columns = min(3, len(best))
+    columns = min(3, len(best)) if len(best) != 4 else 2
     rows = -(-len(best) // columns)
     figure = _sheet(rows, columns, maps)
     grid = figure.subplots(rows, columns, squeeze=False)

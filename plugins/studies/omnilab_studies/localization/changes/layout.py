@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from omnilab.api import Panel, ViewLayout
+from omnilab_studies.common.logs import VERDICT_COLORS
 
 LAYOUT = ViewLayout(
     columns=(
-        (Panel("map", "The map, and the answers in a condition", ("room", "places", "camera", "answers", "estimate")),),
+        (
+            Panel(
+                "map", f"The map in a condition: {VERDICT_COLORS}", ("room", "places", "camera", "answers", "estimate")
+            ),
+        ),
         (
             Panel("image", "The first query, a condition a step", ("query/image",)),
             Panel("image", "Panorama", ("query/panorama",)),

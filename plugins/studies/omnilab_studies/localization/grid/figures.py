@@ -19,7 +19,8 @@ def worst(
     queries: Sequence[Bytes], answered: Sequence[Bytes], error_m: Floats, verdict: npt.NDArray[np.str_]
 ) -> Figure:
     """The queries with the largest errors (top) and the places they were taken for (bottom)."""
-    figure = blank_figure(2.1 * len(error_m), 4.6)
+    height, width = queries[0].shape[:2]
+    figure = blank_figure(2.1 * len(error_m), 3.8 * height / width + 0.8)
     axes = figure.subplots(2, len(error_m), squeeze=False)
     for i, (query, answer) in enumerate(zip(queries, answered, strict=True)):
         for row, image in enumerate((query, answer)):

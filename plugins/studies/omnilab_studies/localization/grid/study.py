@@ -22,7 +22,7 @@ from omnilab.api import (
     setting,
 )
 from omnilab_studies.common.describing import describe_places, fitted
-from omnilab_studies.common.frames import disturbed
+from omnilab_studies.common.frames import at_once, disturbed
 from omnilab_studies.common.grids import check_step_or_every, grid_poses
 from omnilab_studies.common.localization_metrics import METRIC_NAMES, localization_metrics, map_metrics
 from omnilab_studies.common.localization_run import LocalizationRun
@@ -74,6 +74,7 @@ class Grid:
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "descriptor", "distance", "localizer")
     metric_names: ClassVar[tuple[str, ...]] = METRIC_NAMES
+    shard_stages: ClassVar[tuple[str, ...]] = ("places", "queries")
 
     def __post_init__(self) -> None:
         check_settings(self, "study.")
@@ -83,6 +84,7 @@ class Grid:
         """Describe the places, localise the queries, score: `queries.csv` has a row per query (`query_table`)."""
         start_logs(record, LAYOUT, parts.sensor)
         plan = parts.sensor.plan(self._query_poses(rng))  # first: queries that do not exist fail before the work begins
+        parts.shards.check("queries", len(plan), at_once(parts))
         run, omitted = self._map(parts, record)
 
         seed = int(rng.integers(2**32))  # of the disturbances; drawn after the poses, so that they change none

@@ -43,6 +43,11 @@ class ComparedSensor:
     def scene(self) -> Mesh | None:
         return self.sensor.scene()
 
+    @property
+    def live(self) -> bool:
+        """Whether frames come when they are taken, and wait for nobody."""
+        return bool(getattr(self.sensor, "live", False))
+
     def _compare(self, queries: Provenance) -> None:
         known = self.places.provenance
         if known is None:

@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from omnilab.api import (
-    Estimates,
     Floats,
     Image,
     Metric,
@@ -26,7 +25,7 @@ from omnilab.geometry import heading_of, wrap_angle
 from omnilab_studies.common.describing import describe
 from omnilab_studies.common.frames import deliver_queries
 from omnilab_studies.common.localization_metrics import METRIC_NAMES, localization_metrics, map_metrics
-from omnilab_studies.common.localization_run import LocalizationRun
+from omnilab_studies.common.localization_run import LocalizationRun, answer_row
 from omnilab_studies.common.logs import show_frame, start_logs
 from omnilab_studies.common.plots import pixels_of
 from omnilab_studies.common.pose_sources import Source, query_poses
@@ -129,7 +128,7 @@ def _unscored(run: LocalizationRun, plan: Plan, seed: int) -> Report:
         with run.record.timed("localise", len(frames)):
             estimates = run.locate(signatures)
         for i, step in enumerate(frames.plan_index):
-            rows.append(_row(int(step), plan.keys[step], estimates, i))
+            rows.append(answer_row(int(step), plan.keys[step], estimates, i))
         step = int(frames.plan_index[0])
         show_frame(run.record, frames, 0, signatures.place[0], Tick(step, int(frames.stamps_ns[0])))
     metrics = [
@@ -144,12 +143,3 @@ def _unscored(run: LocalizationRun, plan: Plan, seed: int) -> Report:
     ]
     tables = {"answers": columns_of(rows) if rows else {}}
     return Report(metrics, tables, summary=markdown_table(metrics, TITLE), omitted=omitted)
-
-
-def _row(step: int, key: str, estimates: Estimates, i: int) -> dict[str, Any]:
-    x, y, z = estimates.position_m[i].tolist()
-    heading = np.nan if estimates.heading_rad is None else float(np.rad2deg(estimates.heading_rad[i]))
-    return {
-        "query": step, "key": key, "place": int(estimates.place[i]), "answer_x_m": x, "answer_y_m": y, "answer_z_m": z,
-        "answer_heading_deg": heading, "distance": float(estimates.distance[i]),
-    }  # fmt: skip

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from omnilab.api import Panel, ViewLayout
+from omnilab_studies.common.logs import VERDICT_COLORS
 
 LAYOUT = ViewLayout(
     columns=(
-        (Panel("map", "The map at each step, and the answers in it", ("room", "places", "camera", "answers")),),
+        (Panel("map", f"The map at each step: {VERDICT_COLORS}", ("room", "places", "camera", "answers")),),
         (
             Panel("image", "The last query, a step of the map at a time", ("query/image",)),
             Panel("image", "Panorama", ("query/panorama",)),

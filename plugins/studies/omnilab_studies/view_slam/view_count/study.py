@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
 
-from omnilab.api import Metric, Parts, Recorder, Report, ViewFilter, check_settings, setting
+from omnilab.api import Batch, Metric, Parts, Recorder, Report, ViewFilter, check_settings, setting
 from omnilab.errors import ConfigError
 from omnilab_studies.common.tables import columns_of, markdown
 from omnilab_studies.view_slam import figures
@@ -16,7 +16,11 @@ from omnilab_studies.view_slam.display import show_drive
 from omnilab_studies.view_slam.drives import Drive, Drives
 from omnilab_studies.view_slam.filter_comparison import (
     FilterComparison,
+    FilterRun,
+    batch_of,
     counts,
+    evaluated_run,
+    runs_of,
     seeds_of,
     selected,
     simulated_filters_of,
@@ -49,6 +53,7 @@ class ViewCount:
         "FILTER_fewest_rms_common", "FILTER_fewest_nees", "odometry_rms", "observed", "wrong", "said",
     )  # fmt: skip
     cached: ClassVar[bool] = False  # it measures time
+    shard_stages: ClassVar[tuple[str, ...]] = ("drives",)
 
     def __post_init__(self) -> None:
         check_settings(self, "study.")
@@ -63,17 +68,33 @@ class ViewCount:
         comparison = FilterComparison(filters, self.seeds, self.fewer_seeds, record, rng)
         times: list[dict[str, Any]] = []
         cases = [(count, name) for count in self.counts for name in filters]
-        for count, name in record.track(cases, "drive", len(cases), lambda _: 1):
-            drives = self._drives(ground, count, name, base)
-            case = {"scenario": ground.name, "views": count}
-            runs = comparison.compare(name, drives, self.range_m, case, f"{count} views")
+        for (count, name), found in zip(cases, self._runs(cases, ground, base, parts, record), strict=True):
+            runs = comparison.add(name, found, {"scenario": ground.name, "views": count}, f"{count} views")
             step_ms = float(np.median([run.step_ms for run in runs]))
             times.append({"views": count, "filter": name, "step_ms": step_ms})
-        return self._report(comparison, times, filters, drives[0], ground, record)
+        drive = self.drives.drives(ground, self.counts[-1], base, 1)[0]
+        return self._report(comparison, times, filters, drive, ground, record)
 
-    def _drives(self, ground: Scenario, count: int, name: str, base: int) -> list[Drive]:
-        """The drives of a filter's seeds, with so many views."""
-        return self.drives.drives(ground, count, base, seeds_of(name, self.seeds, self.fewer_seeds))
+    def _runs(
+        self, cases: Sequence[tuple[int, str]], ground: Scenario, base: int, parts: Parts, record: Recorder
+    ) -> list[list[tuple[FilterRun, list[str]]]]:
+        """Of each case, a number of views and a filter, the runs on the drives of its seeds, with warnings."""
+        filters = simulated_filters_of(parts)
+        order = evenly([seeds_of(name, self.seeds, self.fewer_seeds) for _, name in cases])
+
+        def compute(first: int, last: int) -> Iterator[Batch]:
+            for case, seed in record.track(order[first:last], "drive", last - first, lambda _: 1):
+                count, name = cases[case]
+                (drive,) = self.drives.drives(ground, count, base, 1, seed)
+                with record.timed(f"filter: {name}"):
+                    run, trace = evaluated_run(filters[name], drive, self.range_m)
+                yield batch_of(run, trace.warnings)
+
+        found: list[list[tuple[FilterRun, list[str]]]] = [[] for _ in cases]
+        batches = parts.shards.work("drives", len(order), compute)
+        for (case, _), run in zip(order, (run for batch in batches for run in runs_of(batch)), strict=True):
+            found[case].append(run)
+        return found
 
     def _report(
         self, comparison: FilterComparison, times: Sequence[Mapping[str, Any]], filters: Mapping[str, ViewFilter],
@@ -98,6 +119,12 @@ class ViewCount:
         """The rows as a Markdown table."""
         table = columns_of([{name: row[name] for name in SUMMARY_COLUMNS} for row in rows])
         return "\n".join([f"## Error against the number of views, within {self.range_m:g} m", "", markdown(table)])
+
+
+def evenly(counts: Sequence[int]) -> list[tuple[int, int]]:
+    """Every drive of every case, (case, drive), so that any stretch of them has the same share of each case's drives."""
+    drives = [(case, drive) for case, count in enumerate(counts) for drive in range(count)]
+    return sorted(drives, key=lambda each: ((each[1] + 0.5) / counts[each[0]], each))
 
 
 def _metrics(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> list[Metric]:

@@ -37,7 +37,7 @@ from omnilab_studies.view_slam.display import TRUTH, Bearings, line, show_errors
 from omnilab_studies.view_slam.filter_comparison import LogLimiter, simulated_filters_of
 from omnilab_studies.view_slam.front_end import AssociationSettings, inlier_count
 from omnilab_studies.view_slam.initialisation import Initialisation
-from omnilab_studies.view_slam.layout import VIEW_SLAM
+from omnilab_studies.view_slam.layout import VIEW_DENSITY
 from omnilab_studies.view_slam.mapping_run import odometry_step
 from omnilab_studies.view_slam.study import ViewSlam
 from omnilab_studies.view_slam.view_density import figures
@@ -96,7 +96,7 @@ class ViewDensity:
         plan, seed = drive.planned(parts), int(rng.integers(2**32))
         kept = min(self.references, len(plan)) * len(parts.odometries)
         check_work(f"features of {kept} images", "give fewer study.references", memory=kept * FEATURE_BYTES)
-        start_logs(record, VIEW_SLAM, parts.sensor)
+        start_logs(record, VIEW_DENSITY, parts.sensor)
         assert plan.T_world_camera is not None
         record.log("truth", line(vectors(plan.T_world_camera, planar=True), TRUTH))
         mapping = _Mapping(self, parts, filters, self._cases(parts, filters), seed, len(plan), record)
@@ -217,8 +217,10 @@ def _report(mapping: _Mapping, record: Recorder) -> Report:
         *_alike_metrics(alike), *_metrics(rows), Metric("odometry_rms", rows[0]["odometry_rms_m"], "m"),
         Metric("images", len(truth), "1"), Metric("path_length", float(path_length(matrices(truth))[-1]), "m"),
     ]  # fmt: skip
-    tables = {"density": columns_of(rows), "drives": columns_of(drive_rows), "similarity": columns_of(alike)}
-    drawn = {"density": figures.density(rows), "similarity": figures.similarity(alike)}
+    tables = {"density": columns_of(rows), "drives": columns_of(drive_rows)}
+    drawn = {"density": figures.density(rows)}
+    if alike:  # no two of the images that were to be compared lie within the range, or can be described
+        tables["similarity"], drawn["similarity"] = columns_of(alike), figures.similarity(alike)
     brief = columns_of([{name: row[name] for name in SUMMARY} for row in rows])
     return Report(metrics, tables, drawn, summary="\n".join(["## Maps with few views", "", markdown(brief)]))
 

@@ -1,0 +1,1 @@
+"""The tests that come with a component of each kind."""

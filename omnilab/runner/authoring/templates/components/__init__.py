@@ -1,0 +1,1 @@
+"""A component of each kind, small and working, to be changed into another."""

@@ -1,0 +1,1 @@
+"""What plugins ship beside their code: recipes and worlds, in folders that they register."""

@@ -1,0 +1,1 @@
+"""Recordings into the documented folder of images, and into MCAP."""

@@ -1,0 +1,1 @@
+"""Recorded streams of images: what videos, bags and logs have in common."""

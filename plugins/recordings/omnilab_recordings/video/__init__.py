@@ -1,0 +1,1 @@
+"""Videos: containers opened within bounds, an index of their frames, frame-exact decoding, pixels."""

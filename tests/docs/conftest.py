@@ -1,0 +1,8 @@
+"""The reader of the pages' blocks can be imported from here."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
