@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 ROOT = Path(__file__).parents[2]
 PAGES = [
-    *(path for path in sorted((ROOT / "docs").rglob("*.md")) if not path.is_symlink()),
+    *sorted((ROOT / "docs").rglob("*.md")),
     ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("plugins/*/README.md")),
 ]  # fmt: skip
 FENCE = re.compile(

@@ -14,7 +14,7 @@ from omnilab.runner.discovery import discover
 from omnilab.runner.site import command
 from omnilab.runner.site.components import path_of
 from omnilab.runner.site.pages import made_pages, navigation
-from omnilab.runner.site.plugin import page_of, repository_path
+from omnilab.runner.site.plugin import documents_elsewhere, page_of, repository_path
 from omnilab.runner.site.recipes import Recipe, measurements
 from omnilab.runner.site.texts import manual, settings_table
 
@@ -39,21 +39,26 @@ def test_every_written_page_has_its_place():
         r"^nav:\n.*?(?=^\S)", (ROOT / "omnilab/runner/site/site.yml").read_text(), re.DOTALL | re.MULTILINE
     )
     named = entries(yaml.safe_load(text))
-    written = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md") if not path.name.startswith("plugin_")}
+    written = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")}
+    written |= {page for page in documents_elsewhere(DOCS) if "plugin_" not in page}
     assert written - set(named) == set(), "give them a place in the nav of omnilab/runner/site/site.yml"
     assert {page for page in named if page.endswith(".md")} <= written
 
 
 def test_every_plugin_document_of_the_root_is_a_page():
-    for path in [
+    pages = documents_elsewhere(DOCS)
+    paths = [
         *ROOT.glob("plugins/*/README.md"),
-        ROOT / "CHANGELOG.md",
-        ROOT / "CONTRIBUTING.md",
-        ROOT / "SECURITY.md",
-    ]:
+        *(ROOT / f"{name}.md" for name in ("CHANGELOG", "CONTRIBUTING", "SECURITY")),
+    ]
+    assert len(pages) == len(paths) > 10
+    for path in paths:
         page = page_of(path.relative_to(ROOT).as_posix())
-        assert (DOCS / page).resolve() == path.resolve()
+        assert pages[page] == path.read_text(encoding="utf-8")
         assert repository_path(page) == path.relative_to(ROOT).as_posix()
+    assert [entry for entry in navigation("project/", discover(), {}, pages) if "plugin_slam" in str(entry)] == [
+        {"omnilab-slam": "project/plugin_slam.md"}
+    ]
 
 
 def test_every_component_and_recipe_has_a_page_in_the_navigation(made):
@@ -61,7 +66,7 @@ def test_every_component_and_recipe_has_a_page_in_the_navigation(made):
     listed = {
         page
         for entry in ("theory/", "studies/", "recipes/", "reference/")
-        for page in entries(navigation(entry, registry, made, DOCS))
+        for page in entries(navigation(entry, registry, made, {}))
     }
     assert listed == set(made)
     for component in registry.components.values():

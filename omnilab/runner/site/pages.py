@@ -33,7 +33,7 @@ def made_pages(registry: Registry, docs: Path) -> dict[str, str]:
     }
 
 
-def navigation(entry: str, registry: Registry, made: dict[str, str], docs: Path) -> list[Any]:
+def navigation(entry: str, registry: Registry, made: dict[str, str], elsewhere: dict[str, str]) -> list[Any]:
     """What stands in the navigation for an entry that ends in /."""
     if entry == "theory/":
         kinds = [kind for kind in KINDS if FOLDERS[kind] == "theory"]
@@ -54,8 +54,8 @@ def navigation(entry: str, registry: Registry, made: dict[str, str], docs: Path)
             {"Settings": settings},
             {"Sinks": _of_kind("sink", registry)},
         ]
-    pages = sorted(docs.joinpath(entry).glob("plugin_*.md"))
-    return [{title_of(page.read_text("utf-8")): f"{entry}{page.name}"} for page in pages]
+    pages = sorted(path for path in elsewhere if path.startswith(f"{entry}plugin_"))
+    return [{title_of(elsewhere[path]): path} for path in pages]
 
 
 def _of_kind(kind: str, registry: Registry) -> list[dict[str, str]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from importlib.metadata import distribution, distributions
 from pathlib import Path
 from posixpath import normpath, relpath
 from typing import Any
@@ -30,15 +31,15 @@ class SitePlugin(BasePlugin):  # type: ignore[type-arg, no-untyped-call]  # it h
     def on_files(self, files: Files, *, config: MkDocsConfig) -> Files:
         """Add the pages, and put them into the navigation."""
         registry, docs = discover(), Path(config.docs_dir)
-        made = made_pages(registry, docs)
-        for path, text in made.items():
+        self._made, elsewhere = made_pages(registry, docs), documents_elsewhere(docs)
+        for path, text in (self._made | elsewhere).items():
             files.append(File.generated(config, path, content=text))
-        config.nav = _expanded(config.nav, lambda entry: navigation(entry, registry, made, docs))
+        config.nav = _expanded(config.nav, lambda entry: navigation(entry, registry, self._made, elsewhere))
         return files
 
     def on_page_markdown(self, markdown: str, *, page: Page, files: Files, **_: Any) -> str:
         """Links of written pages, as they work in the repository, lead to pages; those to other files are words alone."""
-        if page.file.generated_by:
+        if page.file.src_uri in self._made:
             return markdown
         source = repository_path(page.file.src_uri)
 
@@ -53,6 +54,25 @@ class SitePlugin(BasePlugin):  # type: ignore[type-arg, no-untyped-call]  # it h
             return f"{picture}[{words}]({relpath(found, Path(page.file.src_uri).parent.as_posix())}{'#' * bool(anchor)}{anchor})"
 
         return LINK.sub(led, markdown)
+
+
+def documents_elsewhere(docs: Path) -> dict[str, str]:
+    """The texts of the pages that are files of the repository outside docs/: of the clone, or of what is installed.
+
+    A wheel has the README of its distribution in its metadata, and the others of the root in share/doc/omnilab.
+    """
+    root = docs.parent
+    if (root / "pyproject.toml").is_file():
+        paths = [*root.glob("plugins/*/README.md"), *(root / path for path in ELSEWHERE if path != "README.md")]
+        return {page_of(path.relative_to(root).as_posix()): path.read_text("utf-8") for path in paths}
+    found = {}
+    for each in distributions():
+        if plugin := re.fullmatch(r"omnilab[-_](\w+)", each.name):
+            found[page_of(f"plugins/{plugin[1]}/README.md")] = str(each.metadata.json.get("description", ""))
+    for path in distribution("omnilab").files or []:
+        if path.match("share/doc/omnilab/*.md"):
+            found[page_of(path.name)] = path.read_text("utf-8")
+    return found
 
 
 def repository_path(page: str) -> str:

@@ -110,7 +110,7 @@ class Sources:
         return [
             f"[{title_of(text)}](../{path})"
             for path, text in sorted(self.pages.items())
-            if not path.startswith("project/") and path not in but and re.search(pattern, text)
+            if path not in but and re.search(pattern, text)
         ]
 
 
