@@ -24,12 +24,7 @@ _slow = threading.Event()
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Ctrl-C waits until all is imported: libraries with a bare `except` would swallow it there.
-
-    So does garbage collection: imports leave none, and looking for it takes a tenth of their time. What they brought is
-    here to stay, and never looked through.
-    """
-    collects, modules = gc.isenabled(), len(sys.modules)
+    """Ctrl-C waits until all is imported: libraries with a bare `except` would swallow it there. Nothing is collected."""
     try:
         before = signal.signal(signal.SIGINT, _hold)
     except ValueError:  # not in the main thread: whoever runs us there has signals in hand
@@ -38,16 +33,29 @@ def uninterrupted() -> Iterator[None]:
     if before is not _hold:
         _came.clear()
     try:
-        gc.disable()
-        yield
+        with uncollected():
+            yield
     finally:
         signal.signal(signal.SIGINT, before)
+    if _came:
+        raise KeyboardInterrupt
+
+
+@contextmanager
+def uncollected() -> Iterator[None]:
+    """Garbage is not looked for: imports leave none, and that takes a tenth of their time.
+
+    What they brought is here to stay, and never looked through.
+    """
+    collects, modules = gc.isenabled(), len(sys.modules)
+    gc.disable()
+    try:
+        yield
+    finally:
         if collects:
             if len(sys.modules) > modules:
                 gc.freeze()
             gc.enable()
-    if _came:
-        raise KeyboardInterrupt
 
 
 def interrupted() -> bool:

@@ -19,6 +19,7 @@ from omnilab.limits import Pace
 from omnilab.manifest import Manifest
 from omnilab.run_header import HEADER, in_words, run_header
 from omnilab.runner.boundaries import read_only, unsound_record
+from omnilab.runner.interrupts import uncollected
 from omnilab.runner.recorder.aside import Aside
 from omnilab.runner.recorder.outputs import PATIENCE_S, Interrupts, Output, in_a_line
 
@@ -55,7 +56,7 @@ class Recorder:
 
     def __enter__(self) -> Self:
         try:
-            with self._interrupts.postponed():
+            with self._interrupts.postponed(), uncollected():  # sinks import large libraries when they open
                 for output in self._outputs:
                     output.open(self.folder)
                     if self._manifest is not None:

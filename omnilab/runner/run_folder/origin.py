@@ -11,6 +11,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+HEAD, NO_COMMIT = "# branch.oid ", "(initial)"  # as git writes them, docs: git-status, porcelain format version 2
+
 
 def origin() -> dict[str, Any]:
     """When, where and with what a run is made: time, version, commit, Python, host."""
@@ -35,12 +37,12 @@ def commit() -> str | None:
     source = Path(__file__).resolve().parents[3]
     if not (source / ".git").exists():
         return None
-    git = ["git", "-C", str(source)]
+    words = ["git", "-C", str(source), "status", "--porcelain=v2", "--branch", "--untracked-files=no"]
     try:
-        head = subprocess.run([*git, "rev-parse", "HEAD"], capture_output=True, text=True, timeout=5, check=True)
-        changes = subprocess.run(
-            [*git, "status", "--porcelain", "-uno"], capture_output=True, text=True, timeout=5, check=True
-        )
+        found = subprocess.run(words, capture_output=True, text=True, timeout=5, check=True).stdout.splitlines()
     except (OSError, subprocess.SubprocessError):
         return None
-    return head.stdout.strip() + ("+changes" if changes.stdout.strip() else "")
+    head = next((line.removeprefix(HEAD) for line in found if line.startswith(HEAD)), NO_COMMIT)
+    if head == NO_COMMIT:
+        return None
+    return head + ("" if all(line.startswith("# ") for line in found) else "+changes")
