@@ -72,6 +72,28 @@ def test_a_translation_costs_the_epipolar_constraint_nothing(seed, length_m):
         assert error_deg(alone, R) > error_deg(found, R)
 
 
+@settings(max_examples=8, deadline=None)
+@given(st.integers(0, 2**31), st.sampled_from([0.0, 1.0, 3.0]))
+def test_headings_of_upright_cameras_are_found_whatever_the_parallax(seed, length_m):
+    rng = np.random.default_rng(seed)
+    R, bearing = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)).as_matrix(), rng.uniform(-np.pi, np.pi)
+    points = rng.standard_normal((90, 3))
+    points *= rng.uniform(2, 4, (90, 1)) / np.linalg.norm(points, axis=1, keepdims=True)
+    t = length_m * np.array([np.cos(bearing), np.sin(bearing), 0])
+    p, q = (noisy(seen, 0.1, rng) for seen in (points, (points - t) @ R))
+    q[:60] = noisy(rng.standard_normal((60, 3)), 0.0, rng)
+    found, agree = EpipolarRotation(planar=True).rotation(p, q)
+    assert error_deg(found, R) < 1
+    assert agree[60:].mean() > 0.9
+    assert agree[:60].mean() < 0.2
+
+
+def test_too_few_matches_of_upright_cameras_are_no_rotation():
+    R, agree = EpipolarRotation(planar=True).rotation(*np.eye(3)[None].repeat(2, axis=0))
+    np.testing.assert_array_equal(R, np.eye(3))
+    assert agree.tolist() == [False] * 3
+
+
 def spheres(rng: np.random.Generator, R: Floats | None = None) -> Floats:
     """A sphere of blobs (1, 128, 256), or as a camera rotated by R sees it: blobs are where they are, exactly."""
     camera = EquirectangularCamera(256, 128)
