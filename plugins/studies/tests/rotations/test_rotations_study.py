@@ -18,7 +18,7 @@ from omnilab.geometry import planar_poses
 from omnilab.runner.recorder import Recorder
 from omnilab.testing import check_study
 from omnilab_studies import Rotations
-from omnilab_studies.descriptors.rotations.pairs import angle_of, heading_and_tilt, pairs_of, random_rotations
+from omnilab_studies.descriptors.rotations.pairs import angle_of, heading_and_tilt, pairs_of, random_rotations, rooms_of
 
 CAMERA = EquirectangularCamera(128, 64)
 LEVELS = (250, 170, 90)  # grey levels of the marks on the world's x, y and z axes
@@ -133,10 +133,35 @@ def test_recorded_images_are_paired_as_they_are():
     parts = parts_of()
     report, _ = run(Rotations(distances_m=[1], pairs=99, images=Source.recorded), parts)
     assert isinstance(parts.sensor.asked[0], RecordedPoses)
-    assert {m.name: m.value for m in report.metrics}["pairs"] == 6  # neighbours, either way
+    assert {m.name: m.value for m in report.metrics}["pairs"] == 3  # neighbours
     headings = np.abs(np.diff([0.0, 0.5, 1.0, -2.0]))
-    expected = np.rad2deg(np.median(np.repeat(np.minimum(headings, 2 * np.pi - headings), 2)))
+    expected = np.rad2deg(np.median(np.minimum(headings, 2 * np.pi - headings)))
     assert {m.name: m.value for m in report.metrics}["still_heading_error_median"] == pytest.approx(expected)
+
+
+def test_recorded_pairs_are_of_one_room():
+    """Of four images 1 m apart in a row, 0 and 1 are of one room, 2 and 3 of another."""
+    rng = np.random.default_rng(0)
+    plan = Plan([f"images/{room}/{i}.jpg" for i, room in enumerate("aabb")], Sky().plan(None).T_world_camera)
+    rooms = rooms_of(plan.keys, "images/[^/]*")
+    assert rooms == ["images/a"] * 2 + ["images/b"] * 2
+    pairs = pairs_of(plan, [1.0], 99, 0.05, rng, rooms, once=True)
+    assert list(zip(pairs.reference, pairs.query, strict=True)) == [(0, 1), (2, 3)]
+    with pytest.raises(DataError, match=r"no two of the 4 images of one room \(study.room\) are 2 m apart"):
+        pairs_of(plan, [2.0], 99, 0.05, rng, rooms)
+
+
+@pytest.mark.parametrize(
+    ("room", "sentence"),
+    [
+        ("/a/", r"study.room='/a/' matches nothing in 2 of 4 names of images, images/b/2.jpg say"),
+        ("(", r"study.room='\(' is no regular expression \(.*\); mend it"),
+        ("a" * 301, r"study.room has 301 characters; give a pattern of at most 300"),
+    ],
+)
+def test_what_names_no_room_is_said(room, sentence):
+    with pytest.raises(ConfigError, match=sentence):
+        rooms_of(["images/a/0.jpg", "images/a/1.jpg", "images/b/2.jpg", "images/b/3.jpg"], room)
 
 
 @settings(max_examples=20)
@@ -162,6 +187,10 @@ def test_what_cannot_be_measured_is_refused_in_a_sentence():
         pairs_of(Sky().plan(None), [7.0], 3, 0.05, np.random.default_rng(0))
     with pytest.raises(ConfigError, match=r"study.images=path is not possible here; give grid or recorded"):
         Rotations(images=Source.path)
+    with pytest.raises(
+        ConfigError, match=r"study.room='a' is about names of recorded images; give study.images=recorded"
+    ):
+        Rotations(room="a")
     with pytest.raises(DataError, match=r"an image of a pair could not be read: 3.png: cannot be read; take it out"):
         run(Rotations(distances_m=[0], pairs=1), parts_of(unread=True))
     mute = Parts(sensor=Sky(), descriptor=Marks(), distance=Aligned("nothing"))

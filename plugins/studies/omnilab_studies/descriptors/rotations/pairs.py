@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from omnilab.api import Floats, Ints, Plan
-from omnilab.errors import DataError
+from omnilab.errors import ConfigError, DataError
 from omnilab.geometry import rotation_xyz
 from omnilab_studies.common.scores import known_poses
+
+LONGEST_PATTERN = 300  # characters
 
 
 class Pairs(NamedTuple):
@@ -21,14 +24,22 @@ class Pairs(NamedTuple):
     distance_m: Floats  # (N,) the one of the study's that they belong to
 
 
-def pairs_of(plan: Plan, distances_m: Sequence[float], count: int, slack_m: float, rng: np.random.Generator) -> Pairs:
-    """`count` pairs of a plan's frames for each distance, drawn at random; all where there are fewer.
+def pairs_of(
+    plan: Plan, distances_m: Sequence[float], count: int, slack_m: float, rng: np.random.Generator,
+    rooms: Sequence[str] | None = None, once: bool = False,
+) -> Pairs:  # fmt: skip
+    """`count` pairs of a plan's N frames for each distance, drawn at random; all where there are fewer.
 
-    A pair belongs to a distance if its own is at most `slack_m` from it; at distance 0 a frame may be its own pair.
+    A pair belongs to a distance if its own is at most `slack_m` from it; at distance 0 a frame may be its own pair. Both
+    are of one room, where `rooms` (N,) names each frame's. `once`: two frames are a pair once, and not either way.
     DataError if a distance has none.
     """
     at = known_poses(plan.T_world_camera, "images")[:, :3, 3]
     apart = np.linalg.norm(at[:, None] - at[None], axis=-1)
+    if rooms is not None:
+        apart[np.asarray(rooms)[:, None] != np.asarray(rooms)] = np.inf
+    if once:
+        apart[np.tril_indices(len(at), -1)] = np.inf
     found = []
     for distance_m in distances_m:
         fits = np.argwhere(np.abs(apart - distance_m) <= slack_m)
@@ -36,13 +47,30 @@ def pairs_of(plan: Plan, distances_m: Sequence[float], count: int, slack_m: floa
             fits = fits[fits[:, 0] != fits[:, 1]]
         if len(fits) == 0:
             raise DataError(
-                f"no two of the {len(at)} images are {distance_m:g} m apart, give or take {slack_m:g}; give other"
-                " study.distances_m, or a larger study.slack_m"
+                f"no two of the {len(at)} images{' of one room (study.room)' * (rooms is not None)} are {distance_m:g} m apart, give"
+                f" or take {slack_m:g}; give other study.distances_m, or a larger study.slack_m"
             )
         chosen = fits[np.sort(rng.choice(len(fits), min(count, len(fits)), replace=False))]
         found.append(np.column_stack([chosen, np.full(len(chosen), distance_m)]))
     every = np.concatenate(found)
     return Pairs(every[:, 0].astype(int), every[:, 1].astype(int), every[:, 2])
+
+
+def rooms_of(names: Sequence[str], pattern: str) -> list[str]:
+    """What a regular expression matches in the name of each image (N,); ConfigError if it is none, or matches not in all."""
+    if len(pattern) > LONGEST_PATTERN:
+        raise ConfigError(f"study.room has {len(pattern)} characters; give a pattern of at most {LONGEST_PATTERN}")
+    try:
+        found = [re.search(pattern, name) for name in names]
+    except re.error as error:
+        raise ConfigError(f"study.room={pattern!r} is no regular expression ({error}); mend it") from error
+    without = [name for name, match in zip(names, found, strict=True) if match is None]
+    if without:
+        raise ConfigError(
+            f"study.room={pattern!r} matches nothing in {len(without)} of {len(names)} names of images, {without[0]} say; give"
+            " what names the room in all of them"
+        )
+    return [match[0] for match in found if match is not None]
 
 
 def random_rotations(count: int, largest_tilt_rad: float, rng: np.random.Generator) -> Floats:

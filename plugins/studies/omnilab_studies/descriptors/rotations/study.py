@@ -48,7 +48,14 @@ from omnilab_studies.common.scores import known_poses
 from omnilab_studies.common.tables import columns_of, markdown
 from omnilab_studies.descriptors.rotations import figures
 from omnilab_studies.descriptors.rotations.layout import LAYOUT
-from omnilab_studies.descriptors.rotations.pairs import Pairs, angle_of, heading_and_tilt, pairs_of, random_rotations
+from omnilab_studies.descriptors.rotations.pairs import (
+    Pairs,
+    angle_of,
+    heading_and_tilt,
+    pairs_of,
+    random_rotations,
+    rooms_of,
+)
 
 PAIR_NS = 100_000_000  # between two pairs, in the logs
 
@@ -61,7 +68,8 @@ class Rotations:
     by at most `largest_tilt_deg` (180: uniform on SO(3); 0: headings alone). Every method, a descriptor with a distance,
     answers the rotation of its match; one that gives headings alone answers an upright one. The error is the angle of
     the rotation that is left; of it also the heading (the twist about z) and the tilt. Recorded images are paired as they
-    are, by their poses. With `query_sensor` the queries show a changed world: `{variant: evening}`.
+    are, by their poses, each two of them once, and with `room` only within a room. With `query_sensor` the queries show a
+    changed world: `{variant: evening}`.
     """
 
     distances_m: list[float] = setting([0.0, 0.25, 0.5, 1.0, 2.0], at_least=0, fewest=1)  # between the two images
@@ -69,6 +77,9 @@ class Rotations:
     slack_m: float = setting(0.05, at_least=0)  # of the distances
     largest_tilt_deg: float = setting(180.0, at_least=0, at_most=180)  # of a query's z axis
     images: Source = Source.grid  # or recorded
+    room: str | None = (
+        None  # of recorded images: a regular expression for what names the room in their names; null: any pair
+    )
     step_m: float = setting(0.25, above=0)  # of the grid of places
     extent_m: list[float] | None = setting(
         None, above=0, count=2
@@ -88,6 +99,10 @@ class Rotations:
         check_settings(self, "study.")
         if self.images not in (Source.grid, Source.recorded):
             raise ConfigError(f"study.images={self.images.value} is not possible here; give grid or recorded")
+        if self.room is not None and self.images is Source.grid:
+            raise ConfigError(
+                f"study.room={self.room!r} is about names of recorded images; give study.images=recorded, too"
+            )
 
     def run(self, parts: Parts, record: Recorder, rng: np.random.Generator) -> Report:
         """Draw pairs, describe both images of each, estimate the rotation between them, compare with the truth."""
@@ -122,7 +137,9 @@ class Rotations:
         recorded = self.images is Source.recorded
         grid = GridPoses(self.step_m, None, extent_of(self.extent_m), self.height_m)
         plan = sensor.plan(RecordedPoses() if recorded else grid)
-        return plan, pairs_of(plan, self.distances_m, self.pairs, self.slack_m, rng), int(rng.integers(2**32))
+        rooms = None if self.room is None else rooms_of(plan.keys, self.room)
+        pairs = pairs_of(plan, self.distances_m, self.pairs, self.slack_m, rng, rooms, once=recorded)
+        return plan, pairs, int(rng.integers(2**32))
 
     def _plans(self, sensor: Sensor, plan: Plan, pairs: Pairs, rng: np.random.Generator) -> tuple[Plan, Plan, Sensor]:
         """The plans of references and queries, pair by pair, and the queries' sensor."""
