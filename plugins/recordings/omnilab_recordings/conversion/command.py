@@ -52,6 +52,10 @@ def sensor_of(source: Path) -> str:
     except OSError as error:
         raise DataError(f"{source} cannot be read ({error.strerror or error}); give a recording") from None
     if source.is_dir():
+        if (source / "zind_data.json").is_file():
+            raise DataError(
+                f"{source} is a tour of ZInD, of several rooms and floors; give omnilab dataset prepare zind {source} DIR"
+            )
         if any(is_one(source) for is_one, _ in LAYOUTS.values()):
             return "sequence"
         logs = any(file.suffix in {".db3", ".mcap", ".bag", ".zstd"} for file in source.iterdir())

@@ -8,7 +8,7 @@ import io
 import re
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from omnilab.errors import ConfigError, DataError
 from omnilab.file_kinds import content_of
 from omnilab_recordings.images.order import in_order
 from omnilab_recordings.published.published_set import Conversion, ExpectedFiles, Form, PublishedSet
+from omnilab_recordings.published.zind import SCALE, tour_of
 
 LARGEST_TABLE = 2**28  # bytes
 LARGEST_DIGESTED = 2**30
@@ -36,6 +37,8 @@ class Row:
     y_m: float
     stamp_s: float | None = None
     heading: tuple[str, str] | None = None  # column and text
+    z_m: float | None = None
+    name: str | None = None  # below the folder of images; None: the source's own, or a number
 
 
 def problems(form: Form, folder: Path) -> list[str]:
@@ -77,8 +80,8 @@ def prepare(published: PublishedSet, folder: Path, output: Path) -> list[str]:
         )
     if output.exists() and any(output.iterdir()):
         raise ConfigError(f"{output} holds something already; give a new folder")
-    drives = [(each, _rows(each, folder)) for each in form.conversions]
-    lines = [_write(conversion, rows, output / conversion.folder) for conversion, rows in drives]
+    drives = [(each, below, rows) for each in form.conversions for below, rows in _drives(each, folder).items()]
+    lines = [_write(conversion, rows, output / below) for conversion, below, rows in drives]
     text = "".join(
         f"{line}\n" for line in [f"{published.title}, {published.where}", f"licence: {published.licence}", *lines]
     )
@@ -86,12 +89,33 @@ def prepare(published: PublishedSet, folder: Path, output: Path) -> list[str]:
     return lines
 
 
-def _rows(conversion: Conversion, folder: Path) -> list[Row]:
-    """Images and their poses, in order; positions may be NaN where only some are known."""
+def _drives(conversion: Conversion, folder: Path) -> dict[str, list[Row]]:
+    """Images and their poses, in order, for each folder below the output; positions may be NaN where only some are known."""
+    if conversion.tour is not None:
+        return {f"{conversion.folder}/{floor}": rows for floor, rows in _by_tour(conversion.tour, folder).items()}
     rows = _by_names(conversion, folder) if conversion.names is not None else _by_table(conversion, folder)
     if not rows:
         raise DataError(f"{folder} has no image {conversion.images} with a pose; see omnilab dataset check")
-    return rows
+    return {conversion.folder: rows}
+
+
+def _by_tour(tour: str, folder: Path) -> dict[str, list[Row]]:
+    """The panoramas of each floor, in the order of their rooms, none of a floor without a scale; DataError if no floor has
+    one, or a picture is missing."""
+    floors = {}
+    for floor, panoramas in tour_of(folder / tour).items():
+        rows = {
+            f"{each.room}/{Path(each.file).name}": Row(
+                folder / each.file, each.x_m, each.y_m, heading=("yaw_deg", repr(each.yaw_deg)), z_m=each.z_m
+            )
+            for each in panoramas
+        }
+        if missing := [row.source for row in rows.values() if not row.source.is_file()]:
+            raise DataError(f"{folder / tour} names {missing[0]}, which is not there; complete the copy")
+        floors[floor] = [replace(rows[name], name=name) for name in in_order(rows)]
+    if not any(floors.values()):
+        raise DataError(f"{folder / tour} says of no floor how many metres its plan has ({SCALE}); take another tour")
+    return floors
 
 
 def _by_names(conversion: Conversion, folder: Path) -> list[Row]:
@@ -196,18 +220,28 @@ def _number(file: Path, text: str | None) -> float:
 
 
 def _write(conversion: Conversion, rows: Sequence[Row], folder: Path) -> str:
-    """Images copied, and their table written last."""
+    """Images copied, and their table written last; nothing of a floor without a scale."""
+    if not rows:
+        return f"{folder}: left out, as its plan has no scale in metres"
     (folder / "images").mkdir(parents=True)
     known = [row for row in rows if np.isfinite([row.x_m, row.y_m]).all()]
     if not conversion.truth and len(known) < len(rows):
         rows = known  # a folder's positions.csv names all its images
     taken = _names(rows)
     for row, name in zip(rows, taken, strict=True):
+        (folder / "images" / name).parent.mkdir(exist_ok=True)
         shutil.copyfile(row.source, folder / "images" / name)
-    stamped, turned = rows[0].stamp_s is not None, rows[0].heading
-    head = ["image", "x_m", "y_m", *(["stamp_s"] if stamped else []), *([turned[0]] if turned else [])]
+    raised, stamped, turned = rows[0].z_m is not None, rows[0].stamp_s is not None, rows[0].heading
+    head = [
+        "image",
+        "x_m",
+        "y_m",
+        *(["z_m"] if raised else []),
+        *(["stamp_s"] if stamped else []),
+        *([turned[0]] if turned else []),
+    ]
     lines = [head] + [
-        [f"images/{name}", f"{row.x_m:.6g}", f"{row.y_m:.6g}", *([f"{row.stamp_s:.9g}"] if stamped else []),
+        [f"images/{name}", f"{row.x_m:.6g}", f"{row.y_m:.6g}", *([f"{row.z_m:.6g}"] if raised else []), *([f"{row.stamp_s:.9g}"] if stamped else []),
          *([row.heading[1]] if row.heading else [])]
         for row, name in zip(rows, taken, strict=True) if np.isfinite([row.x_m, row.y_m]).all()
     ]  # fmt: skip
@@ -218,7 +252,9 @@ def _write(conversion: Conversion, rows: Sequence[Row], folder: Path) -> str:
 
 
 def _names(rows: Sequence[Row]) -> list[str]:
-    """A name for each image: its own where these are in order and all different, else numbered."""
+    """A name for each image: its own where these are in order and all different, else numbered; or what the row says."""
+    if all(row.name is not None for row in rows):
+        return [str(row.name) for row in rows]
     names = [row.source.name for row in rows]
     if (
         len(set(names)) == len(names)

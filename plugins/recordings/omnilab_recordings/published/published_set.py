@@ -27,12 +27,13 @@ class ExpectedFiles:
 
 @dataclass(frozen=True)
 class Conversion:
-    """How one drive or series of a set becomes a documented folder: by exactly one of `names`, `table` and `track`.
+    """How one drive or series of a set becomes a documented folder: by `names`, a `table` (with a `track`), or a `tour`.
 
     `names` are settings of sensor folder (names, spacing_m, columns). `table` is a CSV with a row per image: `image`, `x`,
     `y`, `stamp_s` name its columns, `where` the values that other columns have in its rows. `track` is `table` with the
     images' times alone, and a headless CSV of positions at times of their own (`track.file`; `track.columns`: stamp_ms,
     x_cm and the like, in order), averaged over `track.average_s` and interpolated across gaps of up to `track.gap_s`.
+    `tour` is the zind_data.json of a home: each of its floors becomes a folder of its own in `folder`.
     """
 
     folder: str  # below the output; "." is the output itself
@@ -40,6 +41,7 @@ class Conversion:
     names: Mapping[str, Any] | None = None
     table: Mapping[str, Any] | None = None
     track: Mapping[str, Any] | None = None
+    tour: str | None = None
     truth: bool = False  # positions go into truth.csv, which may leave images out (study.truth), not into positions.csv
 
 
@@ -113,11 +115,12 @@ def _conversion(name: str, known: Any) -> Conversion:
     found = Conversion(**_made(Conversion, name, known))
     if found.names is not None and (found.table is not None or found.track is not None):
         raise DataError(f"{name} gives the poses of {found.folder} by names and by a table; keep one of the two")
-    if found.names is None and found.table is None:
-        raise DataError(f"{name} does not say how poses of {found.folder} are known; give names or table")
+    if found.names is None and found.table is None and found.tour is None:
+        raise DataError(f"{name} does not say how poses of {found.folder} are known; give names, table or tour")
     for path in (
         found.folder,
         found.images,
+        str(found.tour or ""),
         *(str(each.get("file", "")) for each in (found.table or {}, found.track or {})),
     ):
         if Path(path).is_absolute() or ".." in Path(path).parts:

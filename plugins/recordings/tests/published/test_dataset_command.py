@@ -124,7 +124,7 @@ def test_names_become_positions(tmp_path):
         ("title: a", "lacks where, licence, cite, naming, which a PublishedSet needs"),
         ("{title: a, where: b, licence: c, cite: d, naming: e, wher: f}", "has 'wher', which a PublishedSet does not"),
         ("{title: a, where: b, licence: c, cite: d, naming: e, forms: [{about: f, files: [], conversions: [{folder: ../x, images: '*', names: {}}]}]}", "which leads out of its folder"),
-        ("{title: a, where: b, licence: c, cite: d, naming: e, forms: [{about: f, files: [], conversions: [{folder: x, images: '*'}]}]}", "give names or table"),
+        ("{title: a, where: b, licence: c, cite: d, naming: e, forms: [{about: f, files: [], conversions: [{folder: x, images: '*'}]}]}", "give names, table or tour"),
     ],
 )  # fmt: skip
 def test_a_description_of_ones_own_that_is_none_is_a_sentence(text, sentence, tmp_path):
