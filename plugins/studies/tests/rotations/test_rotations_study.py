@@ -137,6 +137,8 @@ def test_recorded_images_are_paired_as_they_are():
     headings = np.abs(np.diff([0.0, 0.5, 1.0, -2.0]))
     expected = np.rad2deg(np.median(np.minimum(headings, 2 * np.pi - headings)))
     assert {m.name: m.value for m in report.metrics}["still_heading_error_median"] == pytest.approx(expected)
+    with pytest.raises(DataError, match=r"no two of the 4 images of one room \(study.room\) are 1 m apart"):
+        run(Rotations(distances_m=[1], images=Source.recorded, room=r"\d"), parts)  # each its own
 
 
 def test_recorded_pairs_are_of_one_room():
