@@ -109,7 +109,9 @@ def test_the_sensor_follows_from_the_source(tmp_path) -> None:
     (tmp_path / "rgb.txt").write_text("1.5 a.png\n")
     assert command.sensor_of(tmp_path) == "sequence"
     (tmp_path / "zind_data.json").write_text("{}")
-    with pytest.raises(DataError, match="is a tour of ZInD, of several rooms and floors; give omnilab dataset prepare zind"):
+    with pytest.raises(
+        DataError, match="is a tour of ZInD, of several rooms and floors; give omnilab dataset prepare zind"
+    ):
         command.sensor_of(tmp_path)
     assert command.sensor_of(tmp_path / "rgb.txt") == "video"  # which says what it is instead
 
