@@ -23,6 +23,7 @@ from omnilab.runner.overrides.compose_errors import not_inserted, sentence
 from omnilab.runner.overrides.setting_types import wanted
 from omnilab.runner.registry import DICTS, Registry, members
 from omnilab.runner.shards.shard import shard_of
+from omnilab.runner.storage.inputs import with_local_inputs
 from omnilab.runner.sweeps.objective import check_objective
 
 LONGEST_TEXT = 4096  # characters, as of a path
@@ -53,6 +54,7 @@ def components(config: DictConfig, registry: Registry) -> Run:
     _refuse_unfilled(config)
     _refuse_unknown(config)
     _refuse_nested(config)
+    config, urls = with_local_inputs(config)
     if not OmegaConf.is_missing(config, "map") and config.map is not None:
         _fill_from_map(config, registry)
     try:
@@ -65,6 +67,7 @@ def components(config: DictConfig, registry: Registry) -> Run:
     except OmegaConfBaseException as error:
         raise ConfigError(sentence(error, registry)) from error
     assert isinstance(run, Run)
+    run.urls = urls
     for name, kind in DICTS.items():
         if not isinstance(getattr(run, name), dict):
             raise ConfigError(f"{name} holds components by name; give each one, as in +{kind}@{name}.NAME=...")

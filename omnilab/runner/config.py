@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, make_dataclass
+from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 from hydra.core.config_store import ConfigStore
@@ -55,12 +57,17 @@ else:
             *((kind.plural, dict[str, Any], field(default_factory=dict)) for kind in KINDS.values() if kind.many),
             *((each.name, types[each.name], field(default=each.default, metadata=each.metadata)) for each in own),
         ],
-        namespace={"__doc__": "The configuration of a run: its settings, and the slots and dictionaries of `KINDS`."},
+        namespace={
+            "__doc__": "The configuration of a run: its settings, and the slots and dictionaries of `KINDS`.",
+            "urls": MappingProxyType({}),  # of settings that are paths of copies, by the settings' paths
+        },
     )
     Run.__module__ = __name__
 
 # what config.yaml begins with: every kind is a choice, and none is chosen yet
 SLOTS = {"defaults": [{kind.name: None} for kind in KINDS.values() if kind.slot or kind.part]}
+
+OFF = ("off", "false")  # what YAML makes of off
 
 ConfigStore.instance().store(name="omnilab_run", node=Run, provider="omnilab")
 ConfigStore.instance().store(name="omnilab_slots", node=SLOTS, provider="omnilab")
@@ -71,6 +78,11 @@ def logs_folder(logs: str) -> str:
     if not logs.strip():
         raise ConfigError(f"logs='{logs}' names no folder; give logs=DIR, or logs=. for the folder that you are in")
     return logs
+
+
+def cache_folder(logs: str, cache: str | None) -> Path | None:
+    """Where descriptions, renderings and copies of inputs are kept; None if they are not."""
+    return None if cache is None or cache.lower() in OFF else Path(logs) / cache
 
 
 NAMED = 4  # of a sweep over studies, in the name of its folder
@@ -143,9 +155,15 @@ def resolved_yaml(run: Run) -> str:
 
 
 def resolved(run: Run) -> DictConfig:
-    """All that a run's results depend on; its objective is the sweeper's business, and what merges shards is the whole."""
-    left_out = {"objective"} if run.shard is not None and not run.shard.startswith(ALL) else {"objective", "shard"}
-    return OmegaConf.create({name: _settings(value) for name, value in vars(run).items() if name not in left_out})
+    """All that a run's results depend on, inputs by the URLs that were given; what merges shards is the whole.
+
+    Its objective is the sweeper's business.
+    """
+    left_out = {"objective", "urls"} | (set() if run.shard and not run.shard.startswith(ALL) else {"shard"})
+    config = OmegaConf.create({name: _settings(value) for name, value in vars(run).items() if name not in left_out})
+    for name, url in run.urls.items():
+        OmegaConf.update(config, name, literal(url))
+    return config
 
 
 def _settings(value: Any) -> Any:

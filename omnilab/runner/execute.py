@@ -25,7 +25,7 @@ from omnilab.manifest import new_id, read_manifest
 from omnilab.memory import keep_freed
 from omnilab.runner.boundaries import SpotCheck, check_report, ending, guard
 from omnilab.runner.cache import DiskCache
-from omnilab.runner.config import Run, named_components, resolved, resolved_yaml
+from omnilab.runner.config import Run, cache_folder, named_components, resolved, resolved_yaml
 from omnilab.runner.console_sink import Console
 from omnilab.runner.input_files import file_digests
 from omnilab.runner.interrupts import HeldSignals
@@ -38,7 +38,6 @@ from omnilab.runner.sweeps.identity import job_identity
 
 SHOWN = 3  # warnings above a summary
 RESULTS = "results"  # the last stage: they are being written
-OFF = ("off", "false")  # what YAML makes of off
 
 log = logging.getLogger("omnilab")
 
@@ -211,9 +210,8 @@ def _about(run: Run, registry: Registry) -> dict[str, Any]:
 
 def _cache(run: Run) -> DiskCache | None:
     """Where descriptions and renderings are kept; None if they are not."""
-    if run.cache is None or run.cache.lower() in OFF:
-        return None
-    return DiskCache(Path(run.logs) / run.cache, int(run.cache_gb * 1e9), run.threads)
+    folder = cache_folder(run.logs, run.cache)
+    return None if folder is None else DiskCache(folder, int(run.cache_gb * 1e9), run.threads)
 
 
 def _parts(run: Run, registry: Registry, cache: DiskCache | None, shards: Shards) -> Parts:

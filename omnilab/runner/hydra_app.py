@@ -32,6 +32,7 @@ from omnilab.runner.run_folder import DONE, FAILED, RunFolder, new_folder_name, 
 from omnilab.runner.run_folder.names import SUMMARY
 from omnilab.runner.shards.words import in_shards
 from omnilab.runner.shards.work import JobPlace, shards_of_job
+from omnilab.runner.storage.urls import refuse_secrets
 from omnilab.runner.streams import printed_into
 from omnilab.runner.sweeps.active import ActiveSweep
 from omnilab.runner.sweeps.identity import job_identity
@@ -54,6 +55,8 @@ def experiment(argv: list[str], registry: Registry) -> int:
 
     Returns the exit code.
     """
+    if not {f"sensor={c.name}" for c in registry.components.values() if getattr(c.cls, "live", False)} & {*argv}:
+        refuse_secrets(argv)  # words are written down, in plans and manifests; an address is the sensor's business
     Sweep.command, (argv, Sweep.resumed) = argv, resumption(in_shards(argv, registry, print_error))
     OmegaConf.register_new_resolver("omnilab_folder", new_folder_name, use_cache=True, replace=True)
     OmegaConf.register_new_resolver("omnilab_logs", logs_folder, replace=True)

@@ -16,6 +16,7 @@ from typing import Any
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from omnilab.file_kinds import opened
+from omnilab.runner.storage.urls import is_url
 
 LARGEST_FILE = 2**34  # bytes: sparse files have any size and take no space
 MOST_FILES = 1_000_000  # of a folder
@@ -81,7 +82,7 @@ def _members(settings: Any) -> list[tuple[str, Any]] | None:
 
 
 def inputs_of(path: str, settings: Any, folders: Iterable[tuple[str, str]] = ()) -> Iterator[tuple[str, str]]:
-    """Every place on the disk that a setting names, with the setting's path.
+    """Every place on the disk that a setting names, and every URL, with the setting's path.
 
     A text may be meant from the working folder, or from a folder that another setting beside it names; what lies within
     that one belongs to it.
@@ -90,7 +91,7 @@ def inputs_of(path: str, settings: Any, folders: Iterable[tuple[str, str]] = ())
     if members is None:
         if _is_text(settings):
             place = os.path.expanduser(settings)
-            if os.path.lexists(place) or _leads_out(place):
+            if os.path.lexists(place) or _leads_out(place) or is_url(settings):
                 yield path, place
             for name, folder in folders:
                 below = os.path.join(folder, place)

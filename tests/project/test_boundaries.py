@@ -79,9 +79,11 @@ THIRD_PARTY = {  # which modules of omnilab may import what, beside numpy
     "omegaconf": {
         "runner.registry", "runner.plugins.config_nodes", "runner.config", "runner.build", "runner.execute", "runner.hydra_app", "runner.input_files",
         "runner.sweeps.objective", "runner.overrides.command_line", "runner.overrides.compose_errors",
-        "runner.overrides.composition", "runner.overrides.recipe_loader", "runner.plugins.recipe_source",
+        "runner.overrides.composition", "runner.overrides.recipe_loader", "runner.plugins.recipe_source", "runner.storage.inputs",
         "runner.sweeps.launcher", "runner.sweeps.optuna_study", "runner.sweeps.start",
     },
+    "aiohttp": {"runner.storage.fetching"},
+    "fsspec": {"runner.storage.fetching"},
     "mkdocs": {"runner.site.command", "runner.site.plugin"},
     "optuna": {"runner.sweeps.optuna_study"},
     "pluggy": {"hooks", "runner.registry"},

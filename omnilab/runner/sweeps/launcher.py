@@ -48,6 +48,7 @@ class SweepLauncher(Launcher):
         assert ActiveSweep.now is not None
         # Ray's workers are this Python: below `uv run` it would have `uv run` make them an environment each, and may hang
         os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
+        os.environ.setdefault("RAY_worker_niceness", "0")  # Ray's own is 15: they would wait for all that others do
         self._sweep, self._context = ActiveSweep.now, hydra_context
         self._display = SweepDisplay(SweepReader(self._sweep.folder, self._sweep.log.unwritten).load)
         self._registry = getattr(task_function, "registry", None) or discover()

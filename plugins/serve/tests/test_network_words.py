@@ -38,6 +38,8 @@ def checked(registry, tmp_path, monkeypatch):
     [
         ("--config-dir=/tmp", "is an option"),
         ("-m", "is an option"),
+        ("map=s3://bucket/map.npz", "would be fetched with the rights of the service"),
+        ("sensor.world='FILE:///etc/passwd',room", "would be fetched with the rights of the service"),
         ("-cd", "is an option"),
         ("hydra.run.dir=/tmp/x", "sets Hydra itself"),
         ("+hydra.job.env_set.PATH=/tmp", "sets Hydra itself"),

@@ -13,10 +13,12 @@ from omnilab.runner.input_files import leaves
 from omnilab.runner.overrides.composition import Composition, check_build, compose, compose_job
 from omnilab.runner.overrides.doubts import is_choice
 from omnilab.runner.registry import Registry
+from omnilab.runner.shards.words import SHARDS, in_shards
 from omnilab_serve.composing.composer import SettingError
 from omnilab_serve.composing.network import Bounds, check_places, check_words, is_sweep
 
 CHECKED = 12  # jobs of a sweep that are composed and built
+MOST_SHARDS = 999
 
 
 def check(
@@ -29,16 +31,20 @@ def check(
 ) -> dict[str, Any]:
     """What overrides come to: experiment, number of jobs, the words of the command, the values that a sweep varies."""
     known = [word.partition("=")[0] for word in overrides]
-    bounds, words = Bounds(logs, inputs), list(overrides)
+    bounds = Bounds(logs, inputs)
+    shards = [word for word in overrides if word.startswith(f"{SHARDS}=")]
+    words = [word for word in overrides if word not in shards]
     try:
-        experiment = check_words(overrides, registry, bounds)
+        _check_shards(shards)
+        experiment = check_words(words, registry, bounds)
     except OmnilabError as error:
         raise SettingError(str(error), setting_of(str(error), known)) from error
     try:
-        if is_sweep(overrides, registry):
+        if shards or is_sweep(words, registry):
             if not re.fullmatch(r"\w+", launcher):
                 raise ConfigError(f"launcher={launcher} is no name; give basic, or one that is installed")
-            words = ["-m", *words, *([f"hydra/launcher={launcher}"] if launcher != "basic" else [])]
+            words = ["-m", *words, *([f"hydra/launcher={launcher}"] if launcher != "basic" or shards else [])]
+            words = in_shards([*words, *shards], registry, lambda _: None)
         composed = compose(words, registry)
         known += names_of(composed.config)
         for config in _jobs(composed, registry, checked):
@@ -49,6 +55,14 @@ def check(
         raise SettingError(str(error), found) from error
     swept = {name: list(values) for name, values in composed.swept.items()}
     return {"experiment": experiment, "jobs": composed.jobs, "command": words, "swept": swept}
+
+
+def _check_shards(words: Sequence[str]) -> None:
+    """ConfigError for more shards than a page shows, before their names are written out."""
+    for word in words:
+        number = word.partition("=")[2]
+        if number.isdecimal() and int(number[:6]) > MOST_SHARDS:
+            raise ConfigError(f"{word} is more than is asked of a service; give {SHARDS}={MOST_SHARDS} or fewer")
 
 
 def _choice_of(sentence: str, overrides: Sequence[str], registry: Registry) -> str | None:

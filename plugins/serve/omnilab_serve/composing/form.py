@@ -5,21 +5,37 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from omnilab.api import KINDS
+from omnilab.api import KINDS, setting
 from omnilab.errors import ConfigError
 from omnilab.runner.config import Settings, components_of
 from omnilab.runner.overrides.command_line import quoted
 from omnilab.runner.overrides.composition import compose
 from omnilab.runner.registry import MANY, Component, Registry
+from omnilab.runner.shards.shard import stages_of
 from omnilab_serve.composing.catalog import check_recipe, described, settings
+from omnilab_serve.composing.checking import MOST_SHARDS
 from omnilab_serve.composing.pictures import worlds_of
 
-HIDDEN = {"logs", "objective"}  # settings of the run that the form leaves to its free overrides, or to the service
+HIDDEN = {
+    "logs",
+    "objective",
+    "shard",
+}  # settings of the run that the form leaves to its free overrides, or to the service
+
+
+@dataclass
+class Splitting:
+    """What a study that can be split takes beside its settings."""
+
+    shards: int | None = setting(
+        None, at_least=1, at_most=MOST_SHARDS
+    )  # jobs for each stage, as a sweep; null: one run
 
 
 def form(registry: Registry, experiment: str, choices: Sequence[str] = ()) -> dict[str, Any]:
@@ -73,8 +89,15 @@ def _slot(path: str, kind: str, value: Any, recipe: DictConfig, registry: Regist
         "recipe": before.name if before else None,
         "summary": component.summary if component else KINDS[kind].summary,
         "names": {name: registry.get(kind, name).summary for name in registry.names(kind)},
-        "settings": [_setting(each, f"{path}.{each['name']}", value) for each in declared],
+        "settings": [_setting(each, f"{path}.{each['name']}", value) for each in declared] + _splitting(component),
     }
+
+
+def _splitting(component: Component | None) -> list[dict[str, Any]]:
+    """The word `shards=N` as a setting, beside those of a study that can be split."""
+    if component is None or not stages_of(component.cls):
+        return []
+    return [_setting(each, each["name"], OmegaConf.structured(Splitting)) for each in settings(Splitting)]
 
 
 def _component(kind: str, value: Any, registry: Registry) -> Component | None:

@@ -17,6 +17,7 @@ from omnilab.runner.input_files import inputs_of
 from omnilab.runner.overrides.command_line import for_hydra, parse_override
 from omnilab.runner.overrides.doubts import OF_HYDRA, PLAIN, doubt, is_choice, written_settings
 from omnilab.runner.registry import Registry
+from omnilab.runner.storage.urls import is_url, protocol_of, protocols, shown
 from omnilab_serve.composing.catalog import check_recipe
 
 MOST_WORDS, LONGEST_WORD, MOST_VALUES, MOST_BRACKETS = 200, 8192, 10_000, 100
@@ -129,6 +130,11 @@ def texts(setting: str, value: Any) -> Iterator[tuple[str, str]]:
 
 
 def _check_text(word: str, setting: str, text: str, written: set[str], bounds: Bounds) -> None:
+    if is_url(text) and protocol_of(text) in protocols():
+        raise ConfigError(
+            f"{setting}={shown(text)} would be fetched with the rights of the service, which is not asked of it from elsewhere;"
+            f" fetch it into {bounds.readable()}, and give that"
+        )
     place = os.path.expanduser(text)  # noqa: PTH111  may name no user
     if setting in written:
         folder = bounds.logs
