@@ -17,7 +17,7 @@ from typing import Any
 MODULES: dict[str, tuple[str, ...]] = {  # where the content of a module is now
     "omnilab.cache": ("omnilab.runner.cache",),
     "omnilab.calibration": ("omnilab.cameras.files",),
-    "omnilab.cli": ("omnilab.runner.cli",),
+    "omnilab.cli": ("omnilab.runner.cli", "omnilab.runner.run_commands", "omnilab.runner.plugins.command"),
     "omnilab.console": ("omnilab.runner.console_sink",),
     "omnilab.distortion": ("omnilab.cameras.distortion",),
     "omnilab.experiment": ("omnilab.runner.hydra_app",),

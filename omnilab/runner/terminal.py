@@ -7,10 +7,12 @@ import re
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from omnilab.api import Report
 from omnilab.errors import visible
-from omnilab.runner.run_folder import metric_row
+
+if TYPE_CHECKING:
+    from omnilab.api import Report
 
 HEADLINE = 3  # metrics of a run that fit a line
 LONG = 200  # rows of a table that rich lays out in less than a tenth of a second
@@ -69,6 +71,8 @@ def brief(cell: str) -> str:
 
 def show_run(report: Report, folder: Path) -> None:
     """The metrics of a run, which are written into its folder next."""
+    from omnilab.runner.run_folder import metric_row  # and numpy
+
     known = [metric_row(metric) for metric in report.metrics]
     rows = [[name, value, unit.replace("1", "", 1)] for name, value, unit, *_ in known]
     header = ["metric", "value", "unit"]

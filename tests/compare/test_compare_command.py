@@ -166,7 +166,7 @@ def test_the_libraries_of_comparisons_are_imported_by_comparisons_only():
     loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.split()
     assert not {"pandas", "scipy", "matplotlib", "jinja2"} & set(loaded)
     listed = subprocess.run(
-        [sys.executable, "-c", "import sys; from omnilab.runner import cli; print(*sys.modules)"],
+        [sys.executable, "-c", "import sys; from omnilab.runner import cli, run_commands; print(*sys.modules)"],
         capture_output=True, text=True, check=True,
     ).stdout.split()  # fmt: skip
     assert "hydra" not in listed, "`omnilab runs` has no use for it"

@@ -73,7 +73,7 @@ def test_every_component_of_ours_is_plain() -> None:
 
 
 def test_a_listing_imports_neither_hydra_nor_what_only_runs_need() -> None:
-    script = "import sys; from omnilab.runner import cli; cli.discover(); print(*sys.modules)"
+    script = "import sys; from omnilab.runner.discovery import discover; discover(); print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.split()
     assert "omnilab_studies.localization.grid.study" in loaded
     assert not {"hydra", "omegaconf", "yaml", "cv2", "scipy", "numba", "rerun", "http"} & set(loaded)

@@ -91,7 +91,7 @@ THIRD_PARTY = {  # which modules of omnilab may import what, beside numpy
         "image", "cameras.reproject", "cameras.calibration.corners", "cameras.calibration.grid", "runner.sweeps.worker",
     },
     "rich": {
-        "runner.authoring.check", "runner.cli", "runner.console_sink", "runner.terminal", "runner.sweeps.display", "runner.sweeps.status_commands",
+        "runner.authoring.check", "runner.console_sink", "runner.plugins.command", "runner.terminal", "runner.sweeps.display", "runner.sweeps.status_commands",
         "runner.sweeps.status_table",
     },
     "threadpoolctl": {"runner.execute", "cameras.calibration.calibrate"},
