@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import cv2
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from omnilab.errors import ConfigError
 from omnilab_appearance import FeatureAltitude
 from omnilab_appearance.common.local_features import Detector
 from omnilab_appearance.common.sift import sift
+from omnilab_appearance.common.sift.scale_space import blur_rows
 
 ROWS, COLUMNS = 240, 320
 EVERYWHERE = np.ones((ROWS, COLUMNS), bool)
@@ -45,6 +48,22 @@ def test_it_finds_and_describes_what_opencv_does(picture):
     same = apart < 0.1  # pixels; OpenCV doubles the picture in another way, and a few extrema come and go by that
     assert same.mean() > 0.85
     assert np.percentile(cosines(vectors[same], theirs[which[same]]), 10) > 0.97
+
+
+@pytest.mark.parametrize("doubled", [True, False])
+def test_every_keypoint_comes_once(picture, doubled):
+    uv, _ = sift(picture, EVERYWHERE, 10_000, 0.001, upright=True, doubled=doubled)
+    assert len(uv) > 300
+    assert len(np.unique(uv, axis=0)) == len(uv)
+
+
+def test_a_picture_blurred_in_parts_is_the_same_as_in_one(picture):
+    whole, parts = np.empty((2, ROWS, COLUMNS), np.float32)
+    for sigma in (1.25, 3.09):
+        blur_rows(picture.astype(np.float32), sigma, whole, 0, ROWS)
+        for first, last in itertools.pairwise((0, 3, 20, 120, ROWS)):
+            blur_rows(picture.astype(np.float32), sigma, parts, first, last)
+        np.testing.assert_array_equal(parts, whole)
 
 
 @pytest.mark.parametrize("doubled", [True, False])

@@ -11,6 +11,7 @@ import numba as nb
 import numpy as np
 
 INNER = 5  # pixels from the border within which no extremum is looked for
+SETTLED = 2  # in a mask of extrema: one that another has led to
 STEPS = 5  # of the search for the extremum between the samples
 CURVED = 10.0  # ratio of the principal curvatures above which an extremum is an edge
 DIRECTIONS = 36  # of a keypoint's surroundings
@@ -80,10 +81,11 @@ def around_pixel(pictures, k, v, u, out):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def refined(pictures, places, least, out):  # type: ignore[no-untyped-def]
-    """Keypoints of extrema at `places` (K, 3) = (layer, row, column), written to `out` (K, 4); their count.
+def refined(pictures, places, least, mask, out):  # type: ignore[no-untyped-def]
+    """Keypoints of extrema at `places` (K, 3) = (layer, row, column), written to `out` (K, 4), each once; their count.
 
-    The extremum of a parabola through the neighbours, if it exceeds `least` and is no edge (Brown and Lowe, 2002).
+    The extremum of a parabola through the neighbours, if it exceeds `least` and is no edge (Brown and Lowe, 2002). Samples
+    (P - 3, H, W) at which one was found are marked SETTLED in the mask.
     """
     last, (height, width), count = len(pictures) - 2, pictures.shape[1:], 0
     around = np.empty((3, 3, 3), np.float32)
@@ -116,8 +118,9 @@ def refined(pictures, places, least, out):  # type: ignore[no-untyped-def]
             u, v, k = u + round(x), v + round(y), k + round(s)
             if not (1 <= k < last and INNER <= u < width - INNER and INNER <= v < height - INNER):
                 break
-        if not settled:
+        if not settled or mask[k - 1, v, u] == SETTLED:
             continue
+        mask[k - 1, v, u] = SETTLED
         response = abs(d1[1, 1] + 0.5 * (gx * x + gy * y + gs * s))
         trace, flat = xx + yy, xx * yy - xy * xy
         if response < least or flat <= 0 or trace * trace * CURVED >= (CURVED + 1) ** 2 * flat:
@@ -128,23 +131,20 @@ def refined(pictures, places, least, out):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def gradients(picture, row, first, count, step, fall, magnitudes, turns):  # type: ignore[no-untyped-def]
-    """Of `count` pixels of a row, every `step` from `first` on: magnitudes times `fall`, and directions in turns.
+def polar(across, up, fall, magnitudes, turns):  # type: ignore[no-untyped-def]
+    """Of gradients (N,), (N,): magnitudes times `fall`, and directions in turns.
 
     Directions are right to 0.00002 turns (a polynomial, so that a row is one vector operation), counter-clockwise.
     """
-    above, here, below = picture[row - 1, first:], picture[row, first - 1 :], picture[row + 1, first:]
-    for i in range(count):
-        at = i * step
-        across, up = here[at + 2] - here[at], above[at] - below[at]
-        a, b = abs(across), abs(up)
+    for i in range(len(across)):
+        a, b = abs(across[i]), abs(up[i])
         ratio = min(a, b) / max(a, b, TINY)
         square = ratio * ratio
         turn = ratio * (POLYNOMIAL[0] + square * (POLYNOMIAL[1] + square * (POLYNOMIAL[2] + square * POLYNOMIAL[3])))
         turn = QUARTER - turn if b > a else turn
-        turn = HALF - turn if across < 0 else turn
-        turns[i] = ONE - turn if up < 0 else turn
-        magnitudes[i] = fall[at] * math.sqrt(across * across + up * up)
+        turn = HALF - turn if across[i] < 0 else turn
+        turns[i] = ONE - turn if up[i] < 0 else turn
+        magnitudes[i] = fall[i] * math.sqrt(across[i] * across[i] + up[i] * up[i])
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -162,11 +162,15 @@ def orientation(picture, x, y, scale):  # type: ignore[no-untyped-def]
     height, width = picture.shape
     column, row, radius = round(x), round(y), round(3 * WIDE * scale)
     fall = bell(radius, WIDE * scale)
-    magnitudes, turns = np.empty(2 * radius + 1, np.float32), np.empty(2 * radius + 1, np.float32)
+    across, up = np.empty(2 * radius + 1, np.float32), np.empty(2 * radius + 1, np.float32)
+    magnitudes, turns = np.empty_like(across), np.empty_like(across)
     raw = np.zeros(DIRECTIONS + 4, np.float32)
     first, last = max(column - radius, 1), min(column + radius, width - 2) + 1
     for v in range(max(row - radius, 1), min(row + radius, height - 2) + 1):
-        gradients(picture, v, first, last - first, 1, fall[first - column + radius :], magnitudes, turns)
+        above, here, below = picture[v - 1], picture[v], picture[v + 1]
+        for i in range(last - first):
+            across[i], up[i] = here[first + i + 1] - here[first + i - 1], above[first + i] - below[first + i]
+        polar(across[: last - first], up, fall[first - column + radius :], magnitudes, turns)
         level = fall[v - row + radius]
         for i in range(last - first):
             at = int(np.float32(DIRECTIONS) * turns[i] + HALF)
@@ -202,38 +206,57 @@ def vector(picture, x, y, scale, turn, out):  # type: ignore[no-untyped-def]
     radius = round(side * math.sqrt(2) * EDGE) // STEP * STEP
     c, s = math.cos(TURN * turn) / side, -math.sin(TURN * turn) / side
     fall = bell(radius, side * CELLS / 2)
-    magnitudes, turns = np.empty(2 * radius + 1, np.float32), np.empty(2 * radius + 1, np.float32)
-    cells = np.zeros((CELLS + 2) * (CELLS + 2) * (BINS + 1), np.float32)
+    most = (radius + 1) * (radius + 1)
+    across, up, weights = np.empty(most, np.float32), np.empty(most, np.float32), np.empty((2, most), np.float32)
+    places = np.empty((2, most), np.int32)
+    count = 0
     for dv in range(-radius, radius + 1, STEP):
         if not 1 <= row + dv < height - 1:
             continue
         first, last = between(s * dv, c, max(-radius, 1 - column), min(radius, width - 2 - column) + 1)
         first, last = between(c * dv, -s, first, last)
         first += (first + radius) % STEP
-        count = (last - first + STEP - 1) // STEP
-        if count <= 0:
-            continue
-        gradients(picture, row + dv, column + first, count, STEP, fall[first + radius :], magnitudes, turns)
-        level = fall[dv + radius]
-        for n in range(count):
-            du = first + n * STEP
-            p, q = np.float32(c * du + s * dv + EDGE), np.float32(c * dv - s * du + EDGE)
-            angle = turns[n] - np.float32(turn)
-            angle = np.float32(BINS) * (angle if angle >= 0 else angle + ONE)
-            i, j, b = int(q), int(p), min(int(angle), BINS - 1)
-            fi, fj, fb = q - np.float32(i), p - np.float32(j), angle - np.float32(b)
-            weight = level * magnitudes[n]
-            lower = weight * fi
-            at = (i * (CELLS + 2) + j) * (BINS + 1) + b
-            for start, part in ((at, weight - lower), (at + (CELLS + 2) * (BINS + 1), lower)):
-                right = part * fj
-                left = part - right
-                left_up, right_up = left * fb, right * fb
-                cells[start] += left - left_up
-                cells[start + 1] += left_up
-                cells[start + BINS + 1] += right - right_up
-                cells[start + BINS + 2] += right_up
+        above, here, below = picture[row + dv - 1], picture[row + dv], picture[row + dv + 1]
+        for du in range(first, last, STEP):
+            u = column + du
+            across[count], up[count] = here[u + 1] - here[u - 1], above[u] - below[u]
+            weights[0, count], weights[1, count] = fall[du + radius], fall[dv + radius]
+            places[0, count], places[1, count] = du, dv
+            count += 1
+    cells = np.zeros((CELLS + 2) * (CELLS + 2) * (BINS + 1), np.float32)
+    histograms(across[:count], up[:count], weights, places, c, s, np.float32(turn), cells)
     packed(cells, out)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def histograms(across, up, weights, places, c, s, turn, cells):  # type: ignore[no-untyped-def]
+    """Add gradients (N,), (N,) with weights (2, N) at places (2, N) from a point to its cells, linearly in all three."""
+    magnitudes, turns = np.empty_like(across), np.empty_like(across)
+    polar(across, up, weights[0], magnitudes, turns)
+    shares = np.empty((4, len(across)), np.float32)
+    starts = np.empty(len(across), np.int32)
+    columns, rows, bins, sums = shares[0], shares[1], shares[2], shares[3]
+    dus, dvs, levels = places[0], places[1], weights[1]
+    for n in range(len(across)):
+        du, dv = float(dus[n]), float(dvs[n])
+        p, q = np.float32(c * du + s * dv + EDGE), np.float32(c * dv - s * du + EDGE)
+        angle = turns[n] - turn
+        angle = np.float32(BINS) * (angle if angle >= 0 else angle + ONE)
+        i, j, b = nb.int32(q), nb.int32(p), min(nb.int32(angle), nb.int32(BINS - 1))
+        rows[n], columns[n], bins[n] = q - np.float32(i), p - np.float32(j), angle - np.float32(b)
+        sums[n] = levels[n] * magnitudes[n]
+        starts[n] = (i * nb.int32(CELLS + 2) + j) * nb.int32(BINS + 1) + b
+    for n in range(len(across)):
+        weight, fi, fj, fb, at = sums[n], rows[n], columns[n], bins[n], np.int64(starts[n])
+        lower = weight * fi
+        for start, part in ((at, weight - lower), (at + (CELLS + 2) * (BINS + 1), lower)):
+            right = part * fj
+            left = part - right
+            left_up, right_up = left * fb, right * fb
+            cells[start] += left - left_up
+            cells[start + 1] += left_up
+            cells[start + BINS + 1] += right - right_up
+            cells[start + BINS + 2] += right_up
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

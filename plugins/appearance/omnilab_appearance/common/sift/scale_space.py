@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache, partial
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +17,8 @@ CAMERA_SIGMA = 0.5  # blur that pictures come with, in their pixels
 SMALLEST = 16  # pixels a side of the last octave
 LARGE = 200_000  # pixels of a picture that is worth two threads
 REACH = 3.0  # standard deviations at which a blur's kernel ends
+BLURS = SIGMA * 2.0 ** (np.arange(LAYERS + 3) / LAYERS)  # of the pictures of an octave
+STEPS = np.sqrt(np.diff(BLURS**2)).tolist()  # blurs that make of each of them the next
 
 
 class Octave(NamedTuple):
@@ -27,44 +29,66 @@ class Octave(NamedTuple):
     start: float  # the first sample, right of and below the middle of the original's first pixel
 
 
-def octaves(image: Bytes, doubled: bool) -> list[Octave]:
-    """The octaves of a picture (H, W), of which the first has its resolution, or twice that."""
+def first_octave(image: Bytes, doubled: bool) -> Octave | None:
+    """The octave of a picture (H, W) that has its resolution, or twice that; None of a very small picture.
+
+    Its last pictures, which smaller octaves do not depend on, are yet to be made: see `finish`.
+    """
     import cv2
 
-    first, *steps = _sigmas(doubled)
     picture = image.astype(np.float32)
     step, start = 1.0, 0.0
     if doubled:
         picture, step, start = cv2.resize(picture, None, fx=2, fy=2), 0.5, -0.25
-    base = _blurred(picture, first)
-    found = []
-    while min(base.shape) >= SMALLEST:
+    if min(picture.shape) < SMALLEST:
+        return None
+    pictures = np.empty((LAYERS + 3, *picture.shape), np.float32)
+    large = picture.size >= LARGE
+    first = math.sqrt(SIGMA**2 - (CAMERA_SIGMA / step) ** 2)
+    in_two(partial(blur_rows, picture, first, pictures[0]), len(picture), large)
+    for k, sigma in enumerate(STEPS[:LAYERS]):
+        in_two(partial(blur_rows, pictures[k], sigma, pictures[k + 1]), len(picture), large)
+    return Octave(pictures, step, start)
+
+
+def finish(octave: Octave) -> None:
+    """Make the pictures of an octave that follow the one from which the next octave is made."""
+    for k in range(LAYERS, len(STEPS)):
+        _blurred(octave.pictures[k], STEPS[k], octave.pictures[k + 1])
+
+
+def smaller_octaves(octave: Octave) -> list[Octave]:
+    """All octaves after one, each of half the resolution of that before it."""
+    found = list[Octave]()
+    while min(octave.pictures.shape[1:]) > 2 * (SMALLEST - 1):
+        base = octave.pictures[LAYERS, ::2, ::2]
         pictures = np.empty((LAYERS + 3, *base.shape), np.float32)
         pictures[0] = base
-        for k, sigma in enumerate(steps):
-            in_two(partial(_blur_rows, pictures[k], sigma, pictures[k + 1]), len(base), base.size >= LARGE)
-        found.append(Octave(pictures, step, start))
-        base, step = np.ascontiguousarray(pictures[LAYERS, ::2, ::2]), 2 * step
+        for k, sigma in enumerate(STEPS):
+            _blurred(pictures[k], sigma, pictures[k + 1])
+        octave = Octave(pictures, 2 * octave.step, octave.start)
+        found.append(octave)
     return found
 
 
-@lru_cache(maxsize=2)
-def _sigmas(doubled: bool) -> list[float]:
-    """Blurs: up to that of an octave's first picture, and from each picture to the next."""
-    blur = SIGMA * 2.0 ** (np.arange(LAYERS + 3) / LAYERS)
-    there = CAMERA_SIGMA * (2 if doubled else 1)
-    return [float(np.sqrt(SIGMA**2 - there**2)), *np.sqrt(np.diff(blur**2)).tolist()]
+def blur_rows(picture: Floats, sigma: float, out: Floats, first: int, last: int) -> None:
+    """Write the rows first to last of a picture, blurred, into `out`.
 
-
-def _blur_rows(picture: Floats, sigma: float, out: Floats, first: int, last: int) -> None:
-    """Write the rows first to last of a picture, blurred, into `out`."""
+    OpenCV takes the border of what it is given for the picture's, so the rows near a cut are written once more.
+    """
+    _blurred(picture[first:last], sigma, out[first:last])
     reach = math.ceil(REACH * sigma)
-    low, high = max(first - reach, 0), min(last + reach, len(picture))
-    out[first:last] = _blurred(picture[low:high], sigma)[first - low : last - low]
+    after_cut = first, first if first == 0 else min(first + reach, last)
+    before_cut = last if last == len(picture) else max(last - reach, first), last
+    for low, high in (after_cut, before_cut):
+        if low < high:
+            around = picture[max(low - reach, 0) : high + reach]
+            out[low:high] = _blurred(around, sigma)[min(reach, low) :][: high - low]
 
 
-def _blurred(picture: Floats, sigma: float) -> Floats:
+def _blurred(picture: Floats, sigma: float, out: Floats | None = None) -> Floats:
+    """A picture (H, W), blurred; in `out`, if that is given."""
     import cv2
 
     side = 2 * math.ceil(REACH * sigma) + 1
-    return np.asarray(cv2.GaussianBlur(picture, (side, side), sigma))
+    return np.asarray(cv2.GaussianBlur(picture, (side, side), sigma, dst=out))

@@ -9,21 +9,41 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
+from typing import TypeVar
+
+T = TypeVar("T")
 
 
 def in_two(work: Callable[[int, int], object], count: int, worth_it: bool) -> None:
     """Have `work` do the items from one number to below another: all of them, or each half in a thread if that is worth it.
 
-    One thread, too, where OpenCV has only one. Work frees Python's lock, and items do not depend on each other.
+    Items do not depend on each other; of work, see `beside`.
     """
+    if worth_it and has_another():
+        beside(lambda: work(count // 2, count), lambda: work(0, count // 2), worth_it)
+    else:
+        work(0, count)
+
+
+def beside(other: Callable[[], T], own: Callable[[], object], worth_it: bool) -> T:
+    """Do `own` work here and `other` work, whose result it returns, in another thread if that is worth it, or after it.
+
+    After it, too, where there is no other thread. Work frees Python's lock. What runs in the other thread must have no
+    work done beside it: there is no third.
+    """
+    if not worth_it or not has_another():
+        own()
+        return other()
+    result = _other_thread().submit(other)
+    own()
+    return result.result()
+
+
+def has_another() -> bool:
+    """Whether there may be another thread: there may where OpenCV has more than one."""
     import cv2
 
-    if not worth_it or cv2.getNumThreads() < 2:
-        work(0, count)
-        return
-    second = _other_thread().submit(work, count // 2, count)
-    work(0, count // 2)
-    second.result()
+    return cv2.getNumThreads() > 1
 
 
 @lru_cache(maxsize=1)
