@@ -16,7 +16,9 @@ from hydra._internal.config_repository import IConfigRepository
 from hydra.core.config_search_path import ConfigSearchPath
 from hydra.core.config_store import ConfigStore
 from hydra.core.default_element import GroupDefault, ResultDefault
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.plugins.config_source import ConfigResult
+from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
 from omnilab.api import KINDS
@@ -37,6 +39,7 @@ class RecipeLoader(ConfigLoaderImpl):
     _named: frozenset[str] = frozenset()  # what the command names
     _chosen: Mapping[str, str] = {}  # the component that it chooses for each of its slots
     _study: str = ""  # that runs
+    _looked_at: tuple[list[str], DictConfig | None] = ([], None)  # what was composed to see the mode, of which words
 
     def __init__(self, config_search_path: ConfigSearchPath) -> None:
         folders = [(plugin.distribution, folder) for folder, plugin in self.registry.folders.items()]
@@ -44,10 +47,27 @@ class RecipeLoader(ConfigLoaderImpl):
         super().__init__(config_search_path)
 
     def _load_configuration_impl(
-        self, config_name: str | None, overrides: list[str], *args: Any, **kwargs: Any
+        self,
+        config_name: str | None,
+        overrides: list[str],
+        run_mode: RunMode,
+        from_shell: bool = True,
+        validate_sweep_overrides: bool = True,
     ) -> DictConfig:
+        """Hydra composes to see whether a recipe chooses its mode, then again with the mode as a word more: once is enough."""
         self._named = frozenset(word.partition("=")[0] for word in overrides)
-        return super()._load_configuration_impl(config_name, overrides, *args, **kwargs)
+        if not validate_sweep_overrides:
+            looked_at = super()._load_configuration_impl(config_name, overrides, RunMode.RUN, from_shell, False)
+            self._looked_at = [*overrides], looked_at
+            return looked_at
+        (words, config), self._looked_at = self._looked_at, ([], None)
+        mode = f"hydra.mode={run_mode.name}"
+        if config is None or [*words, mode] != overrides:
+            return super()._load_configuration_impl(config_name, overrides, run_mode, from_shell)
+        self.validate_sweep_overrides_legal(OverridesParser.create().parse_overrides(overrides), run_mode, from_shell)
+        config.hydra.mode = run_mode
+        config.hydra.overrides.hydra.append(mode)
+        return config
 
     def _compose_config_from_defaults_list(self, defaults: list[ResultDefault], repo: IConfigRepository) -> DictConfig:
         paths = {str(each.package): str(each.config_path) for each in defaults}
