@@ -40,12 +40,14 @@ def line_sums(padded, cos, sin, center):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def line_sums_of_one(padded, cos, sin, center):  # type: ignore[no-untyped-def]
-    """`line_sums` (M, n) of one image (n + 4, n + 4), to the last bit: without a loop over images it takes 0.7 of the time."""
+def line_sums_of_one(padded, cos, sin, center, out, start, stop):  # type: ignore[no-untyped-def]
+    """`line_sums` of one image (n + 4, n + 4), written to `out` (M, n) for the directions from start to below stop.
+
+    To the last bit: without a loop over images it takes 0.7 of the time.
+    """
     n, width = padded.shape[0] - 4, padded.shape[1]
     pixels = padded.ravel()
-    out = np.empty((len(cos), n), np.float32)
-    for m in range(len(cos)):
+    for m in range(start, stop):
         for i in range(n):
             d = i - center
             reach = math.sqrt(max(0.0, (n / 2) ** 2 - d * d)) + 2.0
@@ -65,7 +67,6 @@ def line_sums_of_one(padded, cos, sin, center):  # type: ignore[no-untyped-def]
                 k = r * width + c
                 total += w00 * pixels[k] + w01 * pixels[k + 1] + w10 * pixels[k + width] + w11 * pixels[k + width + 1]
             out[m, i] = total
-    return out
 
 
 @nb.njit(parallel=True, cache=True, nogil=True, error_model="numpy")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -10,7 +11,9 @@ import numpy as np
 from omnilab.api import Bytes, Floats, Signatures, check_settings, setting
 from omnilab.errors import DataError
 from omnilab_appearance.common.image_ops import channels_of, side_by_side
+from omnilab_appearance.common.sift.two_threads import in_two
 
+LARGE = 200_000  # samples of one image that are worth two threads
 BLOCK = 32  # images interleaved in the kernel: their pixels share a cache line
 
 
@@ -88,7 +91,9 @@ def line_integrals(images: Floats, directions_rad: Floats, center: float | None 
     padded = np.pad(images, ((2, 2), (2, 2), (0, 0)))
     lines = np.cos(directions_rad), np.sin(directions_rad), (n - 1) / 2 if center is None else center
     if images.shape[2] == 1:
-        return np.ascontiguousarray(line_sums_of_one(padded[:, :, 0], *lines).T[None])
+        out = np.empty((len(directions_rad), n), np.float32)
+        in_two(partial(line_sums_of_one, padded[:, :, 0], *lines, out), len(out), n * out.size >= LARGE)
+        return np.ascontiguousarray(out.T[None])
     return np.ascontiguousarray(line_sums(padded, *lines).transpose(2, 1, 0))
 
 

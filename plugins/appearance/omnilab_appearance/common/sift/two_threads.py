@@ -6,6 +6,7 @@ long as the work.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
@@ -48,4 +49,7 @@ def has_another() -> bool:
 
 @lru_cache(maxsize=1)
 def _other_thread() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(1, "omnilab-sift")
+    return ThreadPoolExecutor(1, "omnilab-image")
+
+
+os.register_at_fork(after_in_child=_other_thread.cache_clear)  # a thread does not live on in a forked process
