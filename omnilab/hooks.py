@@ -1,4 +1,4 @@
-"""The hooks by which plugins extend omnilab: one for each kind of component, one for commands, one for folders.
+"""The hooks by which plugins extend omnilab: one for each kind of component, for commands, for folders, for devices.
 
 A plugin is a module with functions named ``register_`` and the plural of a kind, marked with ``@hookimpl``, that call
 ``register(name, cls)``::
@@ -30,10 +30,13 @@ from omnilab.api import KINDS, Kind
 
 COMMANDS_HOOK = "register_commands"
 FOLDERS_HOOK = "register_folders"
+DEVICES_HOOK = "register_devices"
 
 Command = Callable[[list[str]], int]  # takes the arguments, returns the exit code
 RegisterCommand = Callable[[str, Command], None]
 RegisterFolder = Callable[[str | Path], None]
+OpenDevice = Callable[[str], "Accelerator"]  # takes what a run was given, `cuda:1`; ConfigError if it cannot be had
+RegisterDevice = Callable[[str, OpenDevice], None]
 
 hookspec = pluggy.HookspecMarker("omnilab")
 hookimpl = pluggy.HookimplMarker("omnilab")
@@ -60,6 +63,20 @@ class Register(Protocol):
 
     def __call__(self, name: str, cls: type[Any], formerly: str = "") -> None:
         """Register a class under a name; `formerly` is the one it had, which goes on working for a while."""
+
+
+class Accelerator(Protocol):
+    """A device beside the processor, opened for a run, that computes what some components do."""
+
+    @property
+    def computed_on(self) -> str:
+        """The device, its library and version: what the last bits of a result depend on. For manifests and cache keys."""
+
+    def accelerated(self, component: Any) -> Any | None:
+        """One of the same settings that computes there, of a class derived from the component's; None where there is none.
+
+        Its results are those of the component but for rounding, and come back as NumPy's arrays.
+        """
 
 
 def register_all(register: Register, package: ModuleType, formerly: Mapping[str, str] | None = None) -> None:
@@ -109,6 +126,7 @@ def hookspecs() -> type[Any]:
     """The specifications of all hooks, for pluggy."""
     specified = {kind.hook: _of_kind(kind) for kind in KINDS.values()}
     more = {COMMANDS_HOOK: hookspec(register_commands), FOLDERS_HOOK: hookspec(register_folders)}
+    more[DEVICES_HOOK] = hookspec(register_devices)
     return type("Hooks", (), specified | more)
 
 
@@ -131,4 +149,11 @@ def register_folders(register: RegisterFolder) -> None:
     """Folders of recipes and worlds: a path is registered, relative to the plugin's module or absolute.
 
     `experiment/NAME.yaml` in it runs as `experiment=NAME`, `worlds/NAME.yaml` is found as `sensor.world=NAME`.
+    """
+
+
+def register_devices(register: RegisterDevice) -> None:
+    """Devices on which a run may compute: `register("cuda", open_cuda)` serves `device=cuda` and `device=cuda:1`.
+
+    `open_cuda` is called when such a run begins: a library that it needs is imported then, and by no other run.
     """

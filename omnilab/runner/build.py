@@ -17,6 +17,7 @@ from omnilab.api.settings import out_of_range
 from omnilab.errors import ConfigError, DataError, with_article
 from omnilab.runner.boundaries import check_declared
 from omnilab.runner.config import Run, Settings, components_of, literal, logs_folder, structured
+from omnilab.runner.devices import check_device
 from omnilab.runner.input_files import file_digests, leaves, listed, unknown_inputs
 from omnilab.runner.map_file import about_map, map_file
 from omnilab.runner.overrides.compose_errors import not_inserted, sentence
@@ -43,6 +44,7 @@ def build(config: DictConfig, registry: Registry) -> Run:
         needed = " and ".join(slot if slot in DICTS else with_article(slot) for slot in lacking)
         raise ConfigError(f"the study needs {needed}, and none is chosen; give {options}")
     check_objective(run.objective, run.study)
+    check_device(run.device, registry)
     shard_of(run.shard, run.study)
     return run
 

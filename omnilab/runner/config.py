@@ -27,6 +27,7 @@ class Settings:
     threads: int = setting(
         1, at_least=1, at_most=256
     )  # of each matrix product: results are only the same bit for bit with the same number
+    device: str = "cpu"  # where descriptions and distances are computed, if they can be: cuda, cuda:1 (docs/gpu.md)
     limits: bool = True  # refuse work beyond the memory and disk that are free, or of more than a day; off: try it
     objective: Any = (
         None  # METRIC, -METRIC or a list of them: what a sweeper is told of the run; null: its first metric
@@ -157,9 +158,10 @@ def resolved_yaml(run: Run) -> str:
 def resolved(run: Run) -> DictConfig:
     """All that a run's results depend on, inputs by the URLs that were given; what merges shards is the whole.
 
-    Its objective is the sweeper's business.
+    Its objective is the sweeper's business. A run on the processor says nothing of a device, as those of before there were any.
     """
     left_out = {"objective", "urls"} | (set() if run.shard and not run.shard.startswith(ALL) else {"shard"})
+    left_out |= {"device"} if run.device == Settings.device else set()
     config = OmegaConf.create({name: _settings(value) for name, value in vars(run).items() if name not in left_out})
     for name, url in run.urls.items():
         OmegaConf.update(config, name, literal(url))

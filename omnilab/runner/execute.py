@@ -20,13 +20,15 @@ from omegaconf import OmegaConf
 
 from omnilab.api import KINDS, Parts, Progress, Report, RunResult, Shards, Text, is_cached
 from omnilab.errors import OmnilabError, of_machine
+from omnilab.hooks import Accelerator
 from omnilab.limits import limited
 from omnilab.manifest import new_id, read_manifest
 from omnilab.memory import keep_freed
 from omnilab.runner.boundaries import SpotCheck, check_report, ending, guard
 from omnilab.runner.cache import DiskCache
-from omnilab.runner.config import Run, cache_folder, named_components, resolved, resolved_yaml
+from omnilab.runner.config import Run, cache_folder, resolved, resolved_yaml
 from omnilab.runner.console_sink import Console
+from omnilab.runner.devices import on_device, open_device, placed_components, say_what_stays
 from omnilab.runner.input_files import file_digests
 from omnilab.runner.interrupts import HeldSignals
 from omnilab.runner.map_file import FILE, load_places, save_map
@@ -38,6 +40,8 @@ from omnilab.runner.sweeps.identity import job_identity
 
 SHOWN = 3  # warnings above a summary
 RESULTS = "results"  # the last stage: they are being written
+
+Named = dict[str, dict[str, str]]  # by slot: what a component is, and where it is computed
 
 log = logging.getLogger("omnilab")
 
@@ -56,7 +60,9 @@ def execute(
     `shards`: the share of the work that is done; None: all.
     """
     config_yaml = resolved_yaml(run)
-    manifest = manifest_of(run, registry, overrides, experiment, config_yaml)
+    accelerator = open_device(run.device, registry)
+    named = placed_components(run, registry, accelerator)
+    manifest = manifest_of(run, registry, overrides, experiment, config_yaml, named)
     keep_freed()
     with HeldSignals() as signals:
         run_folder = RunFolder(folder)
@@ -65,17 +71,19 @@ def execute(
         recorder = Recorder(run.sinks, folder, progress.note, read_manifest(folder))
         last_status: dict[str, Any] = {"status": INTERRUPTED}
         log.info("run of experiment '%s' starts: %s", experiment, " ".join(overrides))
+        say_what_stays(run, named)
         try:
             cache = _cache(run)
             try:
                 logs = _concluded(recorder, run_folder)
                 with progress, pinned(run.threads), signals.heard(recorder.interrupt), recorder, logs:
                     with limited(run.limits):
-                        report = _studied(run, _parts(run, registry, cache, shards or Shards()), registry, recorder)
+                        parts = _parts(run, registry, cache, shards or Shards(), accelerator)
+                        report = _studied(run, parts, registry, recorder)
                     recorder.result = RunResult(DONE, report.metrics)
                     with signals.held():
                         progress.note(Progress(RESULTS, 0, 0))
-                        _write(report, run, registry, run_folder, recorder, show)
+                        _write(report, run, named, run_folder, recorder, show)
                         if not run_folder.missing:
                             last_status = {"status": DONE}
             finally:
@@ -134,7 +142,7 @@ def _studied(run: Run, parts: Parts, registry: Registry, recorder: Recorder) -> 
 def _write(
     report: Report,
     run: Run,
-    registry: Registry,
+    named: Named,
     run_folder: RunFolder,
     recorder: Recorder,
     show: Callable[[Report], object],
@@ -144,7 +152,7 @@ def _write(
         if isinstance(sink, Console):
             sink.leave_terminal()
     places = report.map
-    others = {} if places is None else {FILE: lambda: save_map(run_folder.folder / FILE, places, _about(run, registry))}
+    others = {} if places is None else {FILE: lambda: save_map(run_folder.folder / FILE, places, _about(run, named))}
     try:
         show(report)
     finally:
@@ -176,7 +184,7 @@ def _warned(warnings: Sequence[str]) -> str:
 
 
 def manifest_of(
-    run: Run, registry: Registry, overrides: Sequence[str], experiment: str, config_yaml: str
+    run: Run, registry: Registry, overrides: Sequence[str], experiment: str, config_yaml: str, named: Named
 ) -> dict[str, Any]:
     """What is needed to know, and to repeat, a run."""
     files = file_digests("", run)
@@ -187,17 +195,16 @@ def manifest_of(
         "identity": job_identity(run, registry, files),
         "seed": run.seed,
         "config_hash": hashlib.sha256(config_yaml.encode()).hexdigest(),
-        "components": named_components(run, registry),
+        "components": named,
         "files": files,
         "plugins_failed": [failure.sentence for failure in registry.failures],
         **origin(),
     }
 
 
-def _about(run: Run, registry: Registry) -> dict[str, Any]:
+def _about(run: Run, named: Named) -> dict[str, Any]:
     """What a saved map says of the components that made it."""
     slots = ("descriptor", "distance", "sensor")
-    named = named_components(run, registry)
     config = OmegaConf.to_container(resolved(run), enum_to_str=True)
     assert isinstance(config, dict)
     return {
@@ -214,19 +221,22 @@ def _cache(run: Run) -> DiskCache | None:
     return None if folder is None else DiskCache(folder, int(run.cache_gb * 1e9), run.threads)
 
 
-def _parts(run: Run, registry: Registry, cache: DiskCache | None, shards: Shards) -> Parts:
-    """The components that the study is given: descriptors and virtual cameras with the cache, and all of them guarded."""
+def _parts(
+    run: Run, registry: Registry, cache: DiskCache | None, shards: Shards, accelerator: Accelerator | None
+) -> Parts:
+    """The components that the study is given, on the device: descriptors and virtual cameras with the cache, all guarded."""
     kept = {"sensor", "descriptor"} if is_cached(run.study) else {"sensor"}  # or it measures what describing costs
 
     def given(kind: str, component: Any) -> Any:
         if component is None:
             return None
         title = registry.title_of(kind, component)
-        own = cache.wrap(component) if cache and kind in kept else component
+        working, computed_on = on_device(component, accelerator)
+        own = cache.wrap(working, computed_on) if cache and kind in kept else working
         if kind != "descriptor" or kind not in kept:
             return guard(own, kind, title)
         registered = registry.of(component)
-        return guard(own, kind, title, SpotCheck(component, title, registered.name if registered else "NAME"))
+        return guard(own, kind, title, SpotCheck(working, title, registered.name if registered else "NAME"))
 
     parts: dict[str, Any] = {"map": run.map and load_places(Path(run.map)), "shards": shards}
     for kind in (kind for kind in KINDS.values() if kind.part):

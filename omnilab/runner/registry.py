@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -22,7 +22,7 @@ import pluggy
 from omnilab import hooks, renamed
 from omnilab.api import KINDS
 from omnilab.errors import ConfigError, PluginError, did_you_mean
-from omnilab.hooks import COMMANDS_HOOK, FOLDERS_HOOK
+from omnilab.hooks import COMMANDS_HOOK, DEVICES_HOOK, FOLDERS_HOOK
 from omnilab.runner.interrupts import interrupted, noticed, uninterrupted
 from omnilab.runner.plugin_files import chosen_plugins
 from omnilab.runner.plugins.contract import news_for
@@ -36,8 +36,9 @@ from omnilab.shipped_worlds import ship_worlds
 DICTS = {kind.plural: kind.name for kind in KINDS.values() if kind.many}  # settings of a run that hold any number
 MANY = {kind.name: kind.plural for kind in KINDS.values() if not kind.slot}  # `disturbance=blur` goes to the dict
 HOOKS = {kind.name: kind.hook for kind in KINDS.values()}
+CPU = "cpu"  # the device that every run has
 VALUES = {"null", "true", "false", "nan", "inf"}  # what Hydra reads as such
-ALL_HOOKS = ", ".join([*HOOKS.values(), COMMANDS_HOOK, FOLDERS_HOOK])
+ALL_HOOKS = ", ".join([*HOOKS.values(), COMMANDS_HOOK, FOLDERS_HOOK, DEVICES_HOOK])
 
 
 @dataclass(frozen=True)
@@ -93,12 +94,14 @@ class Offer:
 
     components: dict[tuple[str, str], Component] = field(default_factory=dict)
     commands: dict[str, hooks.Command] = field(default_factory=dict)
+    devices: dict[str, hooks.OpenDevice] = field(default_factory=dict)
     shipped: Shipped = field(default_factory=Shipped)
 
     def names(self) -> Iterator[tuple[str, str]]:
         """What no other plugin may register, in words; and the file that it is in, or ""."""
         yield from ((f"{kind} '{name}'", "") for kind, name in self.components)
         yield from ((f"the command '{name}'", "") for name in self.commands)
+        yield from ((f"the device '{name}'", "") for name in self.devices)
         yield from ((f"the recipe '{name}'", f" ({file})") for name, file in self.shipped.recipes.items())
         yield from ((f"the world '{name}'", f" ({file})") for name, file in self.shipped.worlds.items())
 
@@ -109,6 +112,7 @@ class Registry:
 
     components: dict[tuple[str, str], Component] = field(default_factory=dict)
     commands: dict[str, hooks.Command] = field(default_factory=dict)
+    devices: dict[str, hooks.OpenDevice] = field(default_factory=dict)  # beside the processor, by the name before the :
     taken: dict[str, Plugin] = field(default_factory=dict)  # by what it is and its name, where it comes from
     recipes: dict[str, ShippedFile] = field(default_factory=dict)
     worlds: dict[str, ShippedFile] = field(default_factory=dict)
@@ -198,6 +202,7 @@ def _take(offer: Offer, plugin: Plugin, registry: Registry) -> None:
     registry.components.update(offer.components)
     registry.formerly.update({(c.kind, c.formerly): c.name for c in offer.components.values() if c.formerly})
     registry.commands.update(offer.commands)
+    registry.devices.update(offer.devices)
     registry.recipes.update({name: ShippedFile(file, plugin) for name, file in offer.shipped.recipes.items()})
     registry.worlds.update({name: ShippedFile(file, plugin) for name, file in offer.shipped.worlds.items()})
     registry.folders.update(dict.fromkeys(offer.shipped.folders, plugin))
@@ -239,18 +244,26 @@ def _registered(module: ModuleType, plugin: Plugin, registry: Registry) -> tuple
 
         getattr(manager.hook, hook)(register=register)
 
-    def register_command(name: str, command: Any) -> None:
-        if not re.fullmatch(r"[a-z]+", name) or not callable(command) or name in offer.commands:
-            raise PluginError(
-                f"command {name!r} is {command!r}; register one function for a name of lower case letters"
-            )
-        offer.commands[name] = command
-
-    manager.hook.register_commands(register=register_command, runs=RunsOnDisk(registry))
+    manager.hook.register_commands(register=_into(offer.commands, "command"), runs=RunsOnDisk(registry))
+    manager.hook.register_devices(register=_into(offer.devices, "device", CPU))
     manager.hook.register_folders(register=lambda folder: offer.shipped.add(folder_of(folder, module)))
     if not any(offer.names()):
         raise PluginError(f"it registers nothing; mark a function with @hookimpl, one of {ALL_HOOKS}")
     return offer, notes
+
+
+def _into(functions: dict[str, Any], what: str, ours: str = "") -> Callable[[str, Any], None]:
+    """What a plugin calls for each function that it registers by a name, which is not one of `ours`."""
+
+    def register(name: str, function: Any) -> None:
+        if not re.fullmatch(r"[a-z]+", name) or not callable(function) or name in {*functions, ours}:
+            raise PluginError(
+                f"{what} {name!r} is {function!r}; register one function for a name of lower case letters"
+                + (f" other than {ours}" if ours else "")
+            )
+        functions[name] = function
+
+    return register
 
 
 def check_component(kind: str, name: str, cls: type[Any]) -> str:

@@ -42,6 +42,7 @@ class DiskCache:
         self.found: Counter[str] = Counter()  # images that had been described, or rendered, before
         self.made: Counter[str] = Counter()  # images that had not
         self._classes: dict[type[Any], type[Any]] = {}
+        self._computed_on: dict[type[Any], str] = {}
         self._stores: dict[str, RowStore | None] = {}
         self._logged: set[str] = set()
         self._used: Counter[str] = Counter()  # bytes that were read and written
@@ -50,20 +51,22 @@ class DiskCache:
     def __reduce__(self) -> tuple[Any, ...]:
         return DiskCache, (self.folder, self.limit_bytes, self.threads)
 
-    def wrap(self, component: Any) -> Any:
+    def wrap(self, component: Any, computed_on: str = "") -> Any:
         """A component like the given one, of a class derived from its own, that looks here before it makes anything.
 
-        One that makes nothing that is kept is given back as it is.
+        One that makes nothing that is kept is given back as it is. What is `computed_on` a device other than the processor
+        is kept apart.
         """
         cls, method = type(component), kept_method(component)
         if method is None:
             return component
         if cls not in self._classes:
+            self._computed_on[cls] = computed_on
             members = {
                 "__module__": cls.__module__,
                 "__qualname__": cls.__qualname__,
                 "__doc__": cls.__doc__,
-                "__reduce__": lambda own: (self.wrap, (_as(cls, own),)),
+                "__reduce__": lambda own: (self.wrap, (_as(cls, own), computed_on)),
                 method.name: self._override(method, cls),
             }
             self._classes[cls] = type(cls.__name__, (cls,), members)
@@ -117,7 +120,8 @@ class DiskCache:
             about = fingerprint(component)
             if about is None:
                 log.info("not cached, since a setting names a folder or there is no source file: %s", settings)
-            about = about and f"format {FORMAT}\nthreads {self.threads}\n{about}\n"
+            device = f"device {self._computed_on[cls]}\n" if self._computed_on[cls] else ""
+            about = about and f"format {FORMAT}\nthreads {self.threads}\n{device}{about}\n"
             damaged = self._damaged(method)
             self._stores[settings] = RowStore(self.folder, about, method.parts, damaged) if about else None
         return self._stores[settings]

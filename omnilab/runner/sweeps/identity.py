@@ -32,6 +32,8 @@ def job_identity(run: Run, registry: Registry, files: Mapping[str, str] | None =
         for slot, named in named_components(run, registry).items()
     }
     settings = {path: _plain(value) for path, value in leaves("", run) if path not in WITHOUT and path not in files}
+    if settings["device"] == Run.device:
+        del settings["device"]  # as before there was any
     shard = str(settings.pop("shard", None) or ALL)
     content = {"contract": CONTRACT, "components": components, "settings": settings, "files": dict(files)}
     if not shard.startswith(ALL):  # what merges all is the whole run

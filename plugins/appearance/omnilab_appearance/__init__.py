@@ -6,7 +6,7 @@ Each folder imports its components; all of them are registered, and importable f
 from typing import Any
 
 from omnilab import renamed
-from omnilab.hooks import Register, hookimpl, register_all
+from omnilab.hooks import Accelerator, Register, RegisterDevice, hookimpl, register_all
 from omnilab_appearance import (
     altimeters,
     descriptors,
@@ -60,6 +60,18 @@ def register_odometries(register: Register) -> None:
 def register_loop_closures(register: Register) -> None:
     register_all(register, loop_closures, formerly={"geometric_verification": "verified"})
     register("none", NoLoopClosure)
+
+
+@hookimpl
+def register_devices(register: RegisterDevice) -> None:
+    register("cuda", _open_device)
+    register("torch", _open_device)  # torch:cpu, to try what runs on a GPU where there is none
+
+
+def _open_device(name: str) -> Accelerator:
+    from omnilab_appearance.accelerated.torch_device import open_device
+
+    return open_device(name)
 
 
 def __getattr__(name: str) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -10,13 +11,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from omnilab.api import Floats, Signatures
+from omnilab.api import Floats, Ints, Signatures
 from omnilab.geometry import wrap_angle
 
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
 
 Spectra = npt.NDArray[np.complexfloating[Any, Any]]
+BestRotations = Callable[[Any, Any, int], tuple[Floats, Floats]]  # as `best_rotations`
 HELD = 2**21  # correlation samples held at once
 
 
@@ -35,11 +37,14 @@ def headings_of(places: Signatures) -> Headings | None:
     return Headings(np.ascontiguousarray(spectra.transpose(2, 1, 0)), places.heading.shape[-1])
 
 
-def rotations(queries: Signatures, places: Headings | None) -> Floats | None:
-    """Query heading - place heading (Q, P) in [-pi, pi), where both have a `heading` part: the shift of the highest correlation."""
+def rotations(queries: Signatures, places: Headings | None, best: BestRotations | None = None) -> Floats | None:
+    """Query heading - place heading (Q, P) in [-pi, pi), where both have a `heading` part: the shift of the highest correlation.
+
+    `best` is what finds it, `best_rotations` where there is none.
+    """
     if queries.heading is None or places is None:
         return None
-    _, rotation = best_rotations(heading_spectra(queries.heading), *places)
+    _, rotation = (best or best_rotations)(heading_spectra(queries.heading), *places)
     return wrap_angle(rotation)
 
 
@@ -65,7 +70,7 @@ def best_rotations(queries: Spectra, places: Spectra, samples: int) -> tuple[Flo
     axis that shifts. Correlations are summed over the rows, and peaks refined between the samples by a parabola.
     """
     band = np.ascontiguousarray(queries.conj().transpose(2, 0, 1))
-    synthesis = _synthesis(len(places), samples)
+    inverse = synthesis(len(places), samples)
     agreement = np.empty((len(queries), places.shape[2]), np.float32)
     rotation = np.empty_like(agreement)
     step = max(1, HELD // (max(1, len(queries)) * samples))
@@ -74,7 +79,7 @@ def best_rotations(queries: Spectra, places: Spectra, samples: int) -> tuple[Flo
         chunk = slice(start, start + step)
         cross = np.matmul(band, places[:, :, chunk])  # (frequencies, queries, places), summed over the rows
         parts = np.concatenate([cross.real, cross.imag]).reshape(2 * len(places), -1)
-        peak, shift = _highest(parts.T @ synthesis)
+        peak, shift = _highest(parts.T @ inverse)
         agreement[:, chunk] = peak.reshape(cross.shape[1:])
         rotation[:, chunk] = (2 * np.pi / samples * shift).reshape(cross.shape[1:])
 
@@ -92,7 +97,7 @@ def blas() -> ThreadpoolController:
     return ThreadpoolController()
 
 
-def _synthesis(frequencies: int, samples: int) -> Floats:
+def synthesis(frequencies: int, samples: int) -> Floats:
     """The inverse DFT as a matrix (2 x frequencies, samples), for real and imaginary parts of half a spectrum."""
     phase = 2 * np.pi * np.outer(np.arange(frequencies), np.arange(samples)) / samples
     twice = np.where(np.arange(frequencies) == 0, 1, 2)[:, None]  # the other half of the spectrum
@@ -103,8 +108,12 @@ def _highest(curves: Floats) -> tuple[Floats, Floats]:
     """The peak of each row (N, samples) and its position, both refined between the samples by a parabola."""
     top = curves.argmax(axis=1)
     every = np.arange(len(curves))
-    peak = curves[every, top]
     before, after = curves[every, top - 1], curves[every, (top + 1) % curves.shape[1]]
+    return refined(before, curves[every, top], after, top)
+
+
+def refined(before: Floats, peak: Floats, after: Floats, top: Floats | Ints) -> tuple[Floats, Floats]:
+    """A peak and its position, of the highest of three samples, the middle one, which is number `top`."""
     offset = vertex(before, peak, after)
     return peak - 0.25 * (before - after) * offset, top + offset
 

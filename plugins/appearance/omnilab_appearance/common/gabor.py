@@ -33,7 +33,7 @@ def energies(images: Floats, orientations: int, frequency: float) -> Floats:
     from scipy import fft
 
     height, width = images.shape[1:]
-    filters, margin = _transfer(height, width, orientations, frequency)
+    filters, margin = transfer_functions(height, width, orientations, frequency)
     found = np.empty((len(images), orientations, height, width), np.float32)
     for start in range(0, len(images), CHUNK):
         padded = np.pad(images[start : start + CHUNK], ((0, 0), (margin, margin), (0, 0)), mode="symmetric")
@@ -45,7 +45,7 @@ def energies(images: Floats, orientations: int, frequency: float) -> Floats:
 
 
 @lru_cache(maxsize=16)
-def _transfer(height: int, width: int, orientations: int, frequency: float) -> tuple[Floats, int]:
+def transfer_functions(height: int, width: int, orientations: int, frequency: float) -> tuple[Floats, int]:
     """The filters' transfer functions (M, H + 2 margin, W), and the margin."""
     kernels = [kernel(frequency, np.pi * m / orientations) for m in range(orientations)]
     reach = len(kernels[0]) // 2

@@ -33,13 +33,18 @@ def with_rows(images: Bytes, rows: int) -> Floats:
     """Panoramas (N, rows, W) float32, each row the mean of those it covers."""
     import cv2
 
-    if rows > images.shape[1]:
-        raise DataError(f"rows={rows} are more than the {images.shape[1]} rows of the panoramas; give fewer")
+    check_rows(rows, images.shape[1])
     fine = images.astype(np.float32)
     if rows == images.shape[1]:
         return fine
     size = (images.shape[2], rows)
     return np.stack([cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in fine])
+
+
+def check_rows(rows: int, height: int) -> None:
+    """DataError if panoramas are to have more rows than they have."""
+    if rows > height:
+        raise DataError(f"rows={rows} are more than the {height} rows of the panoramas; give fewer")
 
 
 def resized(panoramas: Bytes, rows: int, columns: int) -> Floats:

@@ -9,6 +9,7 @@ import numpy as np
 
 from omnilab.api import Bytes, Signatures, check_settings, setting
 from omnilab.errors import DataError
+from omnilab_appearance.common.circular_correlation import Spectra
 from omnilab_appearance.common.image_ops import channels_of, side_by_side, with_rows
 
 
@@ -37,14 +38,7 @@ class FourierSignature:
         """Magnitudes (N, rows, k1) and headings (N, rows, 4 k2) of panoramas (N, H, W[, 3])."""
         from scipy import fft
 
-        panoramas = with_rows(channels_of(images, self.color), self.rows)
-        columns = panoramas.shape[2] // 2 + 1
-        if max(self.magnitudes, self.phases + 1) > columns:
-            raise DataError(
-                f"a panorama of {panoramas.shape[2]} columns has {columns} frequencies, not {self.magnitudes} and"
-                f" {self.phases + 1}; give fewer magnitudes and phases"
-            )
-        spectra = fft.rfft(panoramas)
+        spectra = self._spectra(channels_of(images, self.color))
         place = np.abs(spectra[:, :, : self.magnitudes])
         phases = spectra[:, :, : self.phases + 1].copy()
         modulus = np.abs(phases)
@@ -52,3 +46,21 @@ class FourierSignature:
         phases[:, :, 0] = 0
         heading = fft.irfft(phases, 4 * self.phases)
         return side_by_side(Signatures(place.astype(np.float32), heading.astype(np.float32)), self.color)
+
+    def _spectra(self, images: Bytes) -> Spectra:
+        """The first frequencies (N, rows, F) of the rows of panoramas (N, H, W)."""
+        from scipy import fft
+
+        panoramas = with_rows(images, self.rows)
+        return np.asarray(fft.rfft(panoramas)[:, :, : self._frequencies(panoramas.shape[2])])
+
+    def _frequencies(self, width: int) -> int:
+        """How many frequencies of rows of `width` samples are used; DataError if they have fewer."""
+        columns = width // 2 + 1
+        used = max(self.magnitudes, self.phases + 1)
+        if used > columns:
+            raise DataError(
+                f"a panorama of {width} columns has {columns} frequencies, not {self.magnitudes} and"
+                f" {self.phases + 1}; give fewer magnitudes and phases"
+            )
+        return used

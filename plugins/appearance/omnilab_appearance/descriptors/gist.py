@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -42,18 +43,27 @@ class Gist:
 
     def describe(self, images: Bytes) -> Signatures:
         """Signatures of panoramas (N, H, W[, 3])."""
-        fine = with_rows(channels_of(images, self.color), self.rows)
         parts = []
-        for level, panoramas in enumerate((fine, halved(fine))):
-            found = energies(panoramas, self.orientations, self.frequency)
-            heading = columns_around(found.mean(axis=2), self.width >> level, self.spacing >> level)
-            parts.append((block_means(found, self.blocks), heading))
+        for level, (rows, columns) in enumerate(self._energy_means(channels_of(images, self.color))):
+            heading = columns_around(columns, self.width >> level, self.spacing >> level)
+            parts.append((band_means_of_rows(rows, self.blocks), heading))
         place = np.stack([place for place, _ in parts], 1)
         heading = np.concatenate([heading for _, heading in parts], 1)
         return side_by_side(Signatures(place, heading), self.color)
 
+    def _energy_means(self, images: Bytes) -> Iterator[tuple[Floats, Floats]]:
+        """Gabor energies of panoramas (N, H, W), level by level: means of the rows (N, M, H) and of the columns (N, M, W)."""
+        fine = with_rows(images, self.rows)
+        for panoramas in (fine, halved(fine)):
+            found = energies(panoramas, self.orientations, self.frequency)
+            yield found.mean(axis=3, dtype=np.float64), found.mean(axis=2)
+
 
 def block_means(found: Floats, blocks: int) -> Floats:
     """Means (N, M, blocks) over the horizontal blocks of responses (N, M, H, W)."""
-    rows = found.mean(axis=3, dtype=np.float64)
-    return np.stack([rows[:, :, band].mean(axis=2) for band in bands(blocks, found.shape[2])], -1).astype(np.float32)
+    return band_means_of_rows(found.mean(axis=3, dtype=np.float64), blocks)
+
+
+def band_means_of_rows(rows: Floats, blocks: int) -> Floats:
+    """Means (N, M, blocks) over horizontal blocks, of the means (N, M, H) of rows."""
+    return np.stack([rows[:, :, band].mean(axis=2) for band in bands(blocks, rows.shape[2])], -1).astype(np.float32)

@@ -45,10 +45,14 @@ class Hog:
 
     def describe(self, images: Bytes) -> Signatures:
         """Signatures of panoramas (N, H, W[, 3])."""
-        rows, columns = gradient_sums(with_rows(channels_of(images, self.color), self.rows), self.bins)
+        rows, columns = self._gradient_sums(channels_of(images, self.color))
         heading = columns_around(columns / self.rows, self.width, self.spacing)
         place = blocks_normalized(cell_means(rows, self.cells), self.block, self.norm)
         return side_by_side(Signatures(place, heading), self.color)
+
+    def _gradient_sums(self, images: Bytes) -> tuple[Floats, Floats]:
+        """`gradient_sums` of panoramas (N, H, W)."""
+        return gradient_sums(with_rows(images, self.rows), self.bins)
 
 
 def gradient_sums(images: Floats, bins: int) -> tuple[Floats, Floats]:
@@ -58,10 +62,15 @@ def gradient_sums(images: Floats, bins: int) -> tuple[Floats, Floats]:
     """
     from omnilab_appearance.common.kernels import gradient_histograms
 
-    if images.shape[1] < 3 or images.shape[2] < 3:
-        raise DataError(f"pictures of {images.shape[1:]} pixels have no gradients; give at least 3 x 3")
+    check_has_gradients(*images.shape[1:])
     rows, columns = gradient_histograms(np.ascontiguousarray(images, np.float32), bins)
     return rows / images.shape[2], columns
+
+
+def check_has_gradients(rows: int, columns: int) -> None:
+    """DataError for images that are too small for central differences."""
+    if min(rows, columns) < 3:
+        raise DataError(f"pictures of {(rows, columns)} pixels have no gradients; give at least 3 x 3")
 
 
 def cell_means(rows: Floats, cells: int) -> Floats:

@@ -52,8 +52,12 @@ class Radon:
         half = self.angles // 2 if self.angles % 2 == 0 else self.angles
         directions = 2 * np.pi * np.arange(half) / self.angles
         scale = images.shape[1] / self.offsets
-        integrals = scale * line_integrals(shrink(images, self.offsets), directions)
+        integrals = scale * self._line_integrals(images, directions)
         return integrals if half == self.angles else np.concatenate([integrals, integrals[:, ::-1]], axis=2)
+
+    def _line_integrals(self, images: Bytes, directions_rad: Floats) -> Floats:
+        """`line_integrals` (N, offsets, M) of images (N, S, S), `BLOCK` at most."""
+        return line_integrals(shrink(images, self.offsets), directions_rad)
 
 
 def shrink(images: Bytes, size: int) -> Floats:
@@ -65,10 +69,10 @@ def shrink(images: Bytes, size: int) -> Floats:
         how = cv2.INTER_AREA if images.shape[1] > size else cv2.INTER_LINEAR
         fine = np.stack([cv2.resize(image, (size, size), interpolation=how) for image in fine])
     last = np.ascontiguousarray(np.moveaxis(fine, 0, -1))
-    return last * _inside(size)[..., None]
+    return last * inside_circle(size)[..., None]
 
 
-def _inside(size: int) -> Floats:
+def inside_circle(size: int) -> Floats:
     """1 inside the inscribed circle, fading to 0 over its last fortieth.
 
     A hard rim of pixels is a pattern of its own, the same in every image, and pulls rotations towards multiples of

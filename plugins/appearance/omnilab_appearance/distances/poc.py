@@ -12,7 +12,14 @@ import numpy as np
 from omnilab.api import Array, Floats, Match, Signatures
 from omnilab.errors import DataError
 from omnilab.geometry import wrap_angle
-from omnilab_appearance.common.circular_correlation import Headings, Spectra, blas, headings_of, rotations
+from omnilab_appearance.common.circular_correlation import (
+    Headings,
+    Spectra,
+    best_rotations,
+    blas,
+    headings_of,
+    rotations,
+)
 
 PocIndex = tuple[Floats, int, Headings | None]
 CHUNK = 64  # matrices transformed at once: what fits the cache
@@ -38,15 +45,22 @@ class Poc:
 
     def match(self, queries: Signatures, index: PocIndex) -> Match:
         """Distances and rotations (Q, P); rotations are those of the heading parts where there are any."""
-        from omnilab_appearance.distances.phase_surfaces import planes_of
-
         places, columns, headings = index
-        found = all_peaks(planes_of(unit_phase(matrices_of(queries)), columns), places, columns)
-        of_headings = rotations(queries, headings)
+        found = self._peaks(unit_phase(matrices_of(queries)), places, columns)
+        of_headings = rotations(queries, headings, self._best_rotations)
         if of_headings is not None:
             return Match(1 - found[0], of_headings)
         shift = found[3] + between(found[1], found[0], found[2])
         return Match(1 - found[0], wrap_angle(2 * np.pi / columns * shift))
+
+    def _peaks(self, queries: Spectra, places: Floats, columns: int) -> Floats:
+        """Of each surface (4, Q, P): the highest sample, those before and after it along its row, and its column."""
+        from omnilab_appearance.distances.phase_surfaces import planes_of
+
+        return all_peaks(planes_of(queries, columns), places, columns)
+
+    def _best_rotations(self, queries: Spectra, places: Spectra, samples: int) -> tuple[Floats, Floats]:
+        return best_rotations(queries, places, samples)
 
 
 def all_peaks(queries: Floats, places: Floats, columns: int) -> Floats:

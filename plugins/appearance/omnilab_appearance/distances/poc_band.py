@@ -38,9 +38,12 @@ class PocBand:
     def match(self, queries: Signatures, index: tuple[Spectra, int, Headings | None]) -> Match:
         """Distances and rotations (Q, P); rotations are those of the heading parts where there are any."""
         places, angles, headings = index
-        agreement, shift = best_rotations(self._band(matrices_of(queries)), places, angles)
-        of_headings = rotations(queries, headings)
+        agreement, shift = self._best_rotations(self._band(matrices_of(queries)), places, angles)
+        of_headings = rotations(queries, headings, self._best_rotations)
         return Match(1 - agreement, wrap_angle(shift) if of_headings is None else of_headings)
+
+    def _best_rotations(self, queries: Spectra, places: Spectra, samples: int) -> tuple[Floats, Floats]:
+        return best_rotations(queries, places, samples)
 
     def _band(self, matrices: Floats) -> Spectra:
         """Unit-phase spectra (N, offset frequencies, angle frequencies), each times the root of its weight."""

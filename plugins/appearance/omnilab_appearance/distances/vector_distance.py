@@ -10,7 +10,7 @@ import numpy as np
 
 from omnilab.api import Floats, Match, Signatures
 from omnilab.errors import DataError
-from omnilab_appearance.common.circular_correlation import Headings, headings_of, rotations
+from omnilab_appearance.common.circular_correlation import Headings, Spectra, best_rotations, headings_of, rotations
 
 
 class VectorIndex(NamedTuple):
@@ -40,11 +40,14 @@ class VectorDistance(ABC):
                 " describe both with the same settings"
             )
         distance = np.asarray(self._distances(_flat(queries), index.places), np.float32)
-        return Match(distance, rotations(queries, index.headings))
+        return Match(distance, rotations(queries, index.headings, self._best_rotations))
 
     def _fit(self, places: Floats) -> Any:
         """What is precomputed from the places (P, D); by default the places themselves."""
         return places
+
+    def _best_rotations(self, queries: Spectra, places: Spectra, samples: int) -> tuple[Floats, Floats]:
+        return best_rotations(queries, places, samples)
 
     @abstractmethod
     def _distances(self, queries: Floats, places: Any) -> Floats:
