@@ -116,7 +116,12 @@ def test_what_type_checkers_see_of_parts_is_what_there_is() -> None:
 
 def test_every_kind_has_a_hook_a_check_and_says_what_it_is() -> None:
     specified = {name: hook for name, hook in vars(hooks.hookspecs()).items() if name.startswith("register_")}
-    assert set(specified) == {*(kind.hook for kind in KINDS.values()), hooks.COMMANDS_HOOK, hooks.FOLDERS_HOOK}
+    assert set(specified) == {
+        *(kind.hook for kind in KINDS.values()),
+        hooks.COMMANDS_HOOK,
+        hooks.FOLDERS_HOOK,
+        hooks.DEVICES_HOOK,
+    }
     for kind in KINDS.values():
         assert specified[kind.hook].__doc__ == kind.summary
         assert callable(getattr(testing, f"check_{kind.name}"))

@@ -54,4 +54,8 @@ def open_device(name: str) -> TorchDevice:
 
 
 def _why(torch: Any) -> str:
-    return "" if torch.version.cuda else ", for it was built without CUDA (pip install torch brings one with it)"
+    return (
+        ""
+        if torch.version.cuda
+        else ", for it was built without CUDA (pip install --force-reinstall torch brings one with it)"
+    )
