@@ -31,6 +31,10 @@ QUICKSTART = (
     "sensor.samples=1", "sensor.batch=2", "descriptor.offsets=24", "descriptor.angles=36", "study.step_m=1.0",
     "+disturbance@disturbances.noise=uniform_noise", "cache=off", "~sinks.rerun", "~sinks.mcap", "~sinks.console",
 )  # fmt: skip
+MAP = (
+    "experiment=map", f"sensor.world={WORLD}", "sensor.size=64", "sensor.samples=1", "sensor.batch=2", "study.step_m=1.0",
+    "study.show=2", "cache=off", "~sinks.rerun", "~sinks.mcap", "~sinks.console",
+)  # fmt: skip
 VIEW_COUNT = (
     "experiment=view_count", "study.seeds=5", "study.counts=[2,4]", "study.drives.laps=1",
     "study.fewer_seeds={view_graph:3}", "~sinks.rerun", "~sinks.mcap", "~sinks.console",
@@ -99,6 +103,16 @@ def test_localisation_in_any_number_of_shards(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("descriptor", ["radon", "rotational_pca"])
+def test_a_map_in_any_number_of_shards(descriptor, tmp_path):
+    """With what a descriptor has learnt: the file that other runs localise in."""
+    check_same(tmp_path, (*MAP, f"descriptor={descriptor}"), (2, 5), ())
+    for n in (2, 5):
+        merged = tmp_path / f"s{n}" / f"all-{n}-of-{n}" / "map.npz"
+        assert merged.read_bytes() == (tmp_path / "w" / "map.npz").read_bytes()
+
+
+@pytest.mark.slow
 def test_drives_in_any_number_of_shards(tmp_path):
     check_same(tmp_path, VIEW_COUNT, (2, 7), ("drives", "counts"))
 
@@ -153,7 +167,7 @@ def test_shards_that_do_not_belong_together_are_not_merged(how, sentence, tmp_pa
         (["shards=2", "shards=3"], "shards=2 shards=3 is no number of shards"),
         (["shards=2", "seed=1,2"], "shards=2 splits one run, and the command varies seed"),
         (["shards=2", "objective=last"], "shards=2 and objective=last do not go together"),
-        (["shards=2", "study=pose_graph"], "shards=2: the work of this study cannot be split; that of grid, shares, view_count can"),
+        (["shards=2", "study=pose_graph"], "shards=2: the work of this study cannot be split; that of grid, map, shares, view_count can"),
         (["shard=draws-1-of-2"], "shard=draws-1-of-2 is a job of a sweep, which needs the others; give shards=2 in its place"),
         (["shard=draws-3-of-2"], "shard=draws-3-of-2 is none of this study's"),
         (["shard=places-1-of-2"], "shard=places-1-of-2 is none of this study's"),

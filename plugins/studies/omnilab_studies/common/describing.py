@@ -65,10 +65,13 @@ def check_views(like: Bytes, count: int) -> None:
     )
 
 
-def fitted(parts: Parts, plan: Plan, record: Recorder) -> Parts:
-    """The parts with a descriptor that can describe: a trainable one is trained on the plan's frames."""
+def fitted(parts: Parts, plan: Plan, record: Recorder, is_kept: bool = False) -> Parts:
+    """The parts with a descriptor that can describe: a trainable one is trained on the plan's frames.
+
+    `is_kept`: what it learns is a result, too, so a run that merges shards, and describes nothing, has it learn as well.
+    """
     trainable = parts.descriptor
-    if not isinstance(trainable, Trainable) or parts.shards.merges:
+    if not isinstance(trainable, Trainable) or (parts.shards.merges and not is_kept):
         return parts
     frames = deliver(parts, plan, record, "fit")
     found: list[Bytes] = []

@@ -56,6 +56,7 @@ class MapStudy:
 
     needs: ClassVar[tuple[str, ...]] = ("sensor", "descriptor", "distance")
     metric_names: ClassVar[tuple[str, ...]] = ("places", "bytes_per_place", "left_out", "step")
+    shard_stages: ClassVar[tuple[str, ...]] = ("places",)
 
     def __post_init__(self) -> None:
         check_settings(self, "study.")
@@ -68,7 +69,7 @@ class MapStudy:
         """Describe the places, log some of them, return the map."""
         start_logs(record, LAYOUT, parts.sensor)
         plan = parts.sensor.plan(self._place_poses())
-        parts = fitted(parts, plan, record)
+        parts = fitted(parts, plan, record, is_kept=True)
         places, omitted = describe_places(parts, plan, record)
         if (T := places.T_world_camera) is not None:
             record.log("places", PlaceMap(T[:, :3, 3], heading_of(T)))
