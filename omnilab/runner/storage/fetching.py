@@ -48,7 +48,7 @@ def fetched(name: str, url: str, folder: Path, limits: Limits) -> Path:
     `folder`: of all copies. ConfigError if they would be too large; DataError, in a sentence, if it is not there, may not be
     read, or changes meanwhile.
     """
-    with _in_sentences(name, url):
+    with _in_sentences(name, url, folder):
         store, path = _store(url)
         there = listing(store, path, url)
         key = hashlib.sha256(json.dumps([url, there]).encode()).hexdigest()[:32]
@@ -177,24 +177,31 @@ def _alone(folder: Path, url: str) -> Iterator[None]:
 
 
 @contextmanager
-def _in_sentences(name: str, url: str) -> Iterator[None]:
+def _in_sentences(name: str, url: str, folder: Path) -> Iterator[None]:
     """What stores and their libraries raise, as a DataError."""
     try:
         yield
     except OmnilabError:
         raise
-    except ImportError as error:  # fsspec says what to install
-        raise ConfigError(
-            f"{name}={url}: {error}; pip install 'omnilab[storage]' has what s3, gs and https need"
-        ) from error
-    except FileNotFoundError as error:
-        raise DataError(f"{name}={url}: there is nothing of this name; correct it") from error
-    except PermissionError as error:
-        raise DataError(
-            f"{name}={url} may not be read with the credentials that are set here; see docs/clusters.md"
-        ) from error
+    except OSError as error:
+        if isinstance(error.filename, str | Path) and Path(error.filename).is_relative_to(folder):
+            raise DataError(
+                f"{error.filename} cannot be written ({error.strerror}); mend that, or give another cache=DIR"
+            ) from error
+        raise _of_store(name, url, error) from error
     except Exception as error:  # each store's library has its own
-        if of_machine(error):
-            raise
-        why = re.sub(r"\w+://\S+", "...", f"{type(error).__name__}: {error}")  # which may be signed
-        raise DataError(f"{name}={url} cannot be fetched ({why[:500]}); mend that, or fetch it yourself") from error
+        raise _of_store(name, url, error) from error
+
+
+def _of_store(name: str, url: str, error: Exception) -> OmnilabError:
+    """The sentence about what a store, or its library, raised."""
+    if mistake := of_machine(error):
+        return mistake
+    if isinstance(error, ImportError):  # fsspec says what to install
+        return ConfigError(f"{name}={url}: {error}; pip install 'omnilab[storage]' has what s3, gs and https need")
+    if isinstance(error, FileNotFoundError):
+        return DataError(f"{name}={url}: there is nothing of this name; correct it")
+    if isinstance(error, PermissionError):
+        return DataError(f"{name}={url} may not be read with the credentials that are set here; see docs/clusters.md")
+    why = re.sub(r"\w+://\S+", "...", f"{type(error).__name__}: {error}")  # which may be signed
+    return DataError(f"{name}={url} cannot be fetched ({why[:500]}); mend that, or fetch it yourself")

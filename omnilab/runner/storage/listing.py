@@ -57,7 +57,7 @@ def _file(name: str, about: Mapping[str, Any], url: str) -> RemoteFile:
     size, tags = about.get("size"), [f"{tag}={about[tag]}" for tag in TAGS if about.get(tag)]
     if not isinstance(size, int) or size < 0 or not tags:
         raise DataError(
-            f"{url}: its server says of {about['name']} no {'version (ETag, Last-Modified)' if size else 'size'}, so a copy"
+            f"{url}: its server says of {about['name']} no {'size' if tags else 'version (ETag, Last-Modified)'}, so a copy"
             " might be stale; fetch it yourself and give its path"
         )
     return RemoteFile(name, str(about["name"]), size, " ".join(tags))
