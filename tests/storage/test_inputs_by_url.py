@@ -128,7 +128,7 @@ def test_what_is_not_there_says_so(memory, tmp_path):
         local_path("file://elsewhere/n.txt")
     assert not list(tmp_path.iterdir())
     (tmp_path / "c").write_text("a file")
-    with pytest.raises(DataError, match="cannot be written .*; mend that, or give another cache=DIR"):
+    with pytest.raises(DataError, match=r"cannot be written .*; mend that, or give another cache=DIR"):
         fetching.fetched("x", "memory://b/n.txt", tmp_path / "c", fetching.Limits(1, True))
 
 
