@@ -47,7 +47,8 @@ def lap():
     sensor = Mirror(**EIZOH)
     plan = sensor.plan(NamedPath("square"))
     half = plan.at(range(LAP // 2))
-    batches = list(sensor.frames(half))
+    with pinned(1):  # before the first thread of OpenMP, which would turn in circles from then on
+        batches = list(sensor.frames(half))
     there = replace(
         batches[0],
         images=np.concatenate([b.images for b in batches]),
