@@ -63,6 +63,14 @@ def test_colour_is_one_channel_after_the_other(descriptor):
     np.testing.assert_allclose(found.place, parts, rtol=1e-5, atol=1e-3)
 
 
+def test_an_image_alone_has_the_hog_it_has_among_others():
+    together = Hog().describe(PANORAMAS)
+    for picture, place, heading in zip(PANORAMAS, together.place, together.heading, strict=True):
+        alone = Hog().describe(picture[None])
+        np.testing.assert_array_equal(alone.place[0], place)
+        np.testing.assert_array_equal(alone.heading[0], heading)
+
+
 @settings(max_examples=20)
 @given(st.integers(1, 511))
 def test_a_turn_changes_no_place_and_shifts_headings(columns):

@@ -103,32 +103,34 @@ def contrast_sums(queries, places):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
-def gradient_histograms(images, bins):  # type: ignore[no-untyped-def]
-    """Gradient histograms of rows (N, H, bins) and of columns (N, bins, W), weighted by magnitude; columns wrap."""
-    count, height, width = images.shape
-    rows = np.zeros((count, height, bins), np.float32)
-    columns = np.zeros((count, width, bins), np.float32)
+def gradient_histograms(images, rows, columns):  # type: ignore[no-untyped-def]
+    """`gradient_histograms_of_one` of images (N, H, W), written to (N, H, bins) and (N, W, bins)."""
+    for n in nb.prange(len(images)):
+        gradient_histograms_of_one(images[n], rows[n], columns[n])
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def gradient_histograms_of_one(image, rows, columns):  # type: ignore[no-untyped-def]
+    """Add gradients to histograms of rows (H, bins) and of columns (W, bins), weighted by magnitude; columns wrap."""
+    (height, width), bins = image.shape, rows.shape[1]
     cos = np.cos(np.pi * np.arange(1, bins) / bins)
     sin = np.sin(np.pi * np.arange(1, bins) / bins)
-    for n in nb.prange(count):
-        image = images[n]
-        for v in range(height):
-            inner = 0 < v < height - 1
-            for u in range(width):
-                left = u - 1 if u > 0 else width - 1
-                right = u + 1 if u + 1 < width else 0
-                across = float(image[v, right]) - image[v, left]
-                down = float(image[v + 1, u]) - image[v - 1, u] if inner else 0.0
-                strength = math.sqrt(across * across + down * down)
-                if down < 0 or (down == 0 and across < 0):  # directions count modulo half a turn
-                    across, down = -across, -down
-                k = 0
-                for edge in range(bins - 1):
-                    if cos[edge] * down - sin[edge] * across >= 0 and strength > 0:
-                        k += 1
-                rows[n, v, k] += strength
-                columns[n, u, k] += strength
-    return rows, columns.transpose(0, 2, 1)
+    for v in range(height):
+        inner = 0 < v < height - 1
+        for u in range(width):
+            left = u - 1 if u > 0 else width - 1
+            right = u + 1 if u + 1 < width else 0
+            across = float(image[v, right]) - image[v, left]
+            down = float(image[v + 1, u]) - image[v - 1, u] if inner else 0.0
+            strength = math.sqrt(across * across + down * down)
+            if down < 0 or (down == 0 and across < 0):  # directions count modulo half a turn
+                across, down = -across, -down
+            k = 0
+            for edge in range(bins - 1):
+                if cos[edge] * down - sin[edge] * across >= 0 and strength > 0:
+                    k += 1
+            rows[v, k] += strength
+            columns[u, k] += strength
 
 
 @nb.njit(parallel=True, cache=True, nogil=True, error_model="numpy")

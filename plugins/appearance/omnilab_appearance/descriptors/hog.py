@@ -60,11 +60,17 @@ def gradient_sums(images: Floats, bins: int) -> tuple[Floats, Floats]:
 
     Gradients are central differences; the last axis wraps around, the first and the last row have no vertical part.
     """
-    from omnilab_appearance.common.kernels import gradient_histograms
+    from omnilab_appearance.common.kernels import gradient_histograms, gradient_histograms_of_one
 
     check_has_gradients(*images.shape[1:])
-    rows, columns = gradient_histograms(np.ascontiguousarray(images, np.float32), bins)
-    return rows / images.shape[2], columns
+    count, height, width = images.shape
+    rows, columns = np.zeros((count, height, bins), np.float32), np.zeros((count, width, bins), np.float32)
+    pixels = np.ascontiguousarray(images, np.float32)
+    if count == 1:  # threads would wait for each other for longer than one image takes
+        gradient_histograms_of_one(pixels[0], rows[0], columns[0])
+    else:
+        gradient_histograms(pixels, rows, columns)
+    return rows / width, columns.transpose(0, 2, 1)
 
 
 def check_has_gradients(rows: int, columns: int) -> None:
