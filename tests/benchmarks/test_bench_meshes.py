@@ -1,45 +1,94 @@
-"""Rays a second of whole images of a mesh, traced and shaded, beside embree alone on the same rays."""
+"""Rays a second of whole images of a mesh, traced and shaded, beside embreex on the same rays; and how long large meshes take to load."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+import trimesh
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
 
 from omnilab.api import RandomPoses
 from omnilab_mirror import Mirror
-from omnilab_mirror.render.embree import bundles_of
+from omnilab_mirror.render.embree import bundle_of
 from omnilab_mirror.render.prepared_world import embree_of
 from omnilab_mirror.scene.load import load_world
+from omnilab_mirror.scene.meshes.mesh_world import world_of_mesh
 
 BOOKSTORE = Path(__file__).parents[3] / "shared/data/aws_bookstore/bookstore.obj"
 IMAGES = 16
 GROUP = "bookstore, 118,189 triangles, 16 images of 250 x 250, one ray a pixel"
+COLUMNS, ROWS = 2501, 2001
+LARGE = "a mesh of 10 million triangles as {}, its file read and its tree made"
+KINDS = ("ply", "glb", "obj")
 
-pytestmark = pytest.mark.skipif(not BOOKSTORE.is_file(), reason="the bookstore is not in ../shared/data")
+of_bookstore = pytest.mark.skipif(not BOOKSTORE.is_file(), reason="the bookstore is not in ../shared/data")
 
 
+@of_bookstore
 @pytest.mark.benchmark(group=GROUP)
 @pytest.mark.parametrize("color", [False, True], ids=["grey", "colour"])
 def test_bench_meshes(benchmark, color):
     sensor = Mirror(world=str(BOOKSTORE), color=color, samples=1)
     plan = sensor.plan(RandomPoses(IMAGES, seed=1))
-    (bundle,) = bundles_of(sensor.camera, 1)
-    count = IMAGES * len(bundle.pixel) / 1e6
+    count = IMAGES * len(bundle_of(sensor.camera, 1).pixel) / 1e6
     benchmark.extra_info.update(what="`mirror`, colour" if color else "`mirror`", count=count, unit="a million rays")
     images = benchmark.pedantic(lambda: next(sensor.frames(plan)).images, rounds=5, warmup_rounds=1)
     assert len(images) == IMAGES
 
 
+@of_bookstore
 @pytest.mark.benchmark(group=GROUP)
 def test_bench_embree_alone(benchmark):
     sensor = Mirror(world=str(BOOKSTORE), samples=1)
-    embree, (bundle,) = embree_of(load_world(str(BOOKSTORE))), bundles_of(sensor.camera, 1)
-    rays = [embree.trace(bundle, T) for T in sensor.plan(RandomPoses(IMAGES, seed=1)).T_world_camera]
+    bundle, scene, rays = bundle_of(sensor.camera, 1), EmbreeScene(), []
+    TriangleMesh(scene, load_world(str(BOOKSTORE)).meshes[0].corners)
+    row_by_row = bundle.direction[:, np.argsort(bundle.pixel)]
+    for T in sensor.plan(RandomPoses(IMAGES, seed=1)).T_world_camera.astype(np.float32):
+        direction = np.ascontiguousarray((T[:3, :3] @ row_by_row).T)
+        rays.append((np.tile(T[:3, 3], (len(direction), 1)), direction))
 
     def alone():
-        for hits in rays:
-            embree.scene.run(hits.origin, hits.direction)
+        for origin, direction in rays:
+            scene.run(origin, direction)
 
     benchmark.extra_info.update(peer="embree alone, unshaded", count=IMAGES * len(bundle.pixel) / 1e6)
     benchmark.pedantic(alone, rounds=5, warmup_rounds=1)
+
+
+@pytest.fixture(scope="module")
+def large(tmp_path_factory, measured) -> Path:
+    """A hall of 25 x 20 m with a floor of bumps, a grid of 10 million triangles, in each kind of file."""
+    folder = tmp_path_factory.mktemp("large")
+    x, y = np.meshgrid(np.linspace(-12.5, 12.5, COLUMNS), np.linspace(-10, 10, ROWS))
+    z = 0.1 * np.sin(2 * x) * np.cos(3 * y) + 3 * np.maximum(np.abs(x) - 11, 0) + 3 * np.maximum(np.abs(y) - 8.5, 0)
+    corner = (np.arange(ROWS - 1)[:, None] * COLUMNS + np.arange(COLUMNS - 1)).reshape(-1, 1)
+    faces = (corner + np.array([0, 1, COLUMNS + 1, 0, COLUMNS + 1, COLUMNS])).reshape(-1, 3)
+    mesh = trimesh.Trimesh(np.stack([x, y, z], -1).reshape(-1, 3).round(6), faces, process=False)
+    for kind in KINDS:
+        mesh.export(folder / f"hall.{kind}")
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_bench_large_meshes(benchmark, large, kind):
+    def loaded():
+        return embree_of(world_of_mesh(large / f"hall.{kind}", up="z"))
+
+    benchmark.group = LARGE.format(kind.upper())
+    benchmark.extra_info.update(what="`mirror`")
+    assert len(benchmark.pedantic(loaded, rounds=2).triangles) == 10_000_000
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_bench_large_meshes_by_trimesh(benchmark, large, kind):
+    def loaded():
+        return trimesh.load(large / f"hall.{kind}", process=False, force="mesh")
+
+    benchmark.group = LARGE.format(kind.upper())
+    benchmark.extra_info.update(peer="`trimesh.load`, without a tree")
+    assert len(benchmark.pedantic(loaded, rounds=1).faces) == 10_000_000

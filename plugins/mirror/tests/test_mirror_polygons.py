@@ -26,10 +26,10 @@ def pieces(polygons: list[np.ndarray]):
     """Areas (T,), polygons (T,) and normals (T, 3) of the triangles, and how many polygons cross themselves."""
     points, counts = np.concatenate(polygons), np.array([len(polygon) for polygon in polygons])
     found = split(points, np.arange(len(points)), counts)
-    a, b, c = (points[found.corners[:, i]] for i in range(3))
+    a, b, c = found.of_corners(points).swapaxes(0, 1)
     with np.errstate(invalid="ignore", over="ignore"):
         normals = np.cross(b - a, c - a) / 2
-    return np.linalg.norm(normals, axis=1), found.polygon, normals, found.crossing
+    return np.linalg.norm(normals, axis=1), found.of_polygons(np.arange(len(polygons))), normals, found.crossing
 
 
 def flat(corners) -> np.ndarray:

@@ -77,10 +77,10 @@ def _enclosing(tree: Embree, points: Floats) -> Ints:
 def _meet(tree: Embree, points: Floats, directions: Floats) -> tuple[Ints, Floats, Bools]:
     """Which triangles (K, N) K rays from each of N points meet (-1: none), how far away, and whether from the back."""
     origins, toward = np.broadcast_arrays(points, directions)
-    met = tree.meet(origins.reshape(-1, 3), toward.reshape(-1, 3))
+    triangle, distance = tree.tree.meet(origins.reshape(-1, 3), toward.reshape(-1, 3))
     shape = origins.shape[:2]
-    backs = np.einsum("ri,ri->r", tree.triangles.normals[met["primID"]], toward.reshape(-1, 3)) > 0
-    return met["primID"].reshape(shape), met["tfar"].reshape(shape), backs.reshape(shape)
+    backs = np.einsum("ri,ri->r", tree.triangles.normals[triangle], toward.reshape(-1, 3)) > 0
+    return triangle.reshape(shape), distance.reshape(shape), backs.reshape(shape)
 
 
 def _name_mesh(found: npt.NDArray[np.object_], relation: str, tree: Embree, triangles: Ints) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from omnilab.errors import DataError
 from omnilab_mirror.scene.meshes.gltf_data import COMPRESSIONS, Gltf, GltfError, extensions_of, numbers
 from omnilab_mirror.scene.meshes.gltf_materials import GltfMaterials
 from omnilab_mirror.scene.meshes.mesh_materials import GREY, WHITE, MeshMaterials, linear_to_srgb
-from omnilab_mirror.scene.meshes.triangles import Triangles
+from omnilab_mirror.scene.meshes.triangles import Array, Triangles, one_part
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
 DRACO = "KHR_draco_mesh_compression"
@@ -127,7 +128,7 @@ def _faces(gltf: Gltf, primitive: dict[str, Any]) -> Ints:
         index = gltf.accessor(primitive["indices"])[:, 0]
         if index.dtype.kind != "u":
             raise GltfError("its indices are not whole numbers from 0")
-        index = index.astype(np.int64)
+        index = np.require(index, requirements=["C", "ALIGNED"])
         if len(index) and index.max() >= count:
             raise GltfError(f"a triangle has the vertex {index.max()}, and there are {count}, from 0")
     else:
@@ -151,33 +152,38 @@ def _part(
     if points.shape[1] != 3:
         raise GltfError("its positions are not of three numbers")
     moved = np.einsum("nij,vj->nvi", transforms[:, :3, :3], points) + transforms[:, None, :3, 3]
-    corners = gltf.materials.placed(moved[:, faces].reshape(-1, 3, 3))
-    tint = _tint(gltf, attributes, len(points))
-    uv = np.zeros((len(points), 2), np.float32)
+    copies = [gltf.materials.placed(seen, faces) for seen in moved]
+    corners = copies[0] if len(copies) == 1 else np.concatenate(copies)
+    tint, uv, picture = _tint(gltf, attributes, len(points)), None, WHITE
     if "material" not in primitive:
-        picture = WHITE
-        tint = np.full((len(points), 3), GREY, np.uint8) if tint is None else tint
+        tint = np.broadcast_to(np.array(GREY, np.uint8), points.shape) if tint is None else tint
     else:
         material = made.of(primitive["material"])
         picture = material.picture
-        tint = np.full((len(points), 3), 255, np.uint8) if tint is None else tint
         if material.places and material.places not in attributes:
             text = "triangles have a texture but no texture coordinates, and take their material's colour"
             gltf.materials.notes[text] += len(faces)
             picture = material.plain
         elif material.places:
             places = gltf.accessor(attributes[material.places]).astype(float)
-            if places.shape != uv.shape:
+            if places.shape != (len(points), 2):
                 raise GltfError("it has other texture coordinates than positions")
             uv = (places @ material.transform[:, :2].T + material.transform[:, 2]).astype(np.float32)
             beyond = ((uv < 0) | (uv > 1))[faces].any(axis=(1, 2))
             text = "triangles go beyond the edge of a picture that ends or is mirrored there, and are shown with it repeated"
             gltf.materials.notes[text] += int(beyond.sum()) if material.clamped else 0
     shown = len(transforms)
-    name = np.repeat(np.arange(shown, dtype=np.int32), len(faces))
-    none = np.zeros(len(name), np.int32)
-    on, colors = np.tile(uv[faces], (shown, 1, 1)), np.tile(tint[faces], (shown, 1, 1))
-    return Triangles(corners, on, none, colors, name, none.astype(bool), [picture], [title] * shown)
+    part = one_part(corners, _shown(uv, faces, shown), _shown(tint, faces, shown), picture, title)
+    return replace(part, name=np.repeat(np.arange(shown, dtype=np.int32), len(faces)), names=[title] * shown)
+
+
+def _shown(values: Array | None, faces: Ints, shown: int) -> Array | None:
+    """What is given for each vertex (V, n), at the corners of the faces (T, 3), `shown` times."""
+    if values is None:
+        return None
+    if values.strides[0] == 0:
+        return np.broadcast_to(values[0], (shown * len(faces), 3, values.shape[1]))
+    return np.tile(values[faces], (shown, 1, 1))
 
 
 def _tint(gltf: Gltf, attributes: dict[str, Any], count: int) -> Bytes | None:

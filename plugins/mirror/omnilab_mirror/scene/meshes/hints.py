@@ -75,6 +75,6 @@ def lies_on_its_side(triangles: Triangles) -> bool:
     """Whether y, rather than z, looks like the vertical: taller than deep, and with area for floors across y."""
     low, high = triangles.bounds
     width, depth, height = high - low
-    area = np.linalg.norm(triangles.normals, axis=1)
+    area = triangles.twice_areas
     level_y, level_z = (area[np.abs(triangles.normals[:, axis]) > 0.95 * area].sum() for axis in (1, 2))
     return bool(height > max(STOREY_M, depth) and width > NARROWEST_M and level_y > FLOOR * level_z)

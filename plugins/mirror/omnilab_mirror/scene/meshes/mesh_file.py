@@ -81,7 +81,8 @@ def read_mesh(file: Path, up: str | None = None) -> MeshFile:
         notes.insert(0, f"{len(materials.missing)} textures or materials are missing, grey stands in: {named}")
     for note in notes:
         log.warning("%s: %s", file, note)
-    digest = hashlib.blake2b(READERS_VERSION.to_bytes(4, "little") + data, digest_size=16)
+    digest = hashlib.blake2b(READERS_VERSION.to_bytes(4, "little"), digest_size=16)
+    digest.update(data)
     for path in sorted(materials.files):
         digest.update(materials.files[path])
     content = (
@@ -106,8 +107,8 @@ def _bytes(file: Path) -> bytes:
 
 def _sound(materials: MeshMaterials, triangles: Triangles) -> Triangles:
     """The triangles that have an area, and how many have none; DataError where vertices are not numbers."""
-    finite = np.isfinite(triangles.corners).all(axis=(1, 2))
-    if not finite.all():
+    if not triangles.is_finite:
+        finite = np.isfinite(triangles.corners).all(axis=(1, 2))
         name = triangles.names[triangles.name[np.argmin(finite)]]
         raise DataError(
             f"{materials.file}: {np.sum(~finite)} triangles, the first in '{name}', have a corner that is NaN or infinite;"
@@ -117,11 +118,11 @@ def _sound(materials: MeshMaterials, triangles: Triangles) -> Triangles:
     farthest = max(np.abs(low).max(), np.abs(high).max())
     if farthest > FARTHEST:
         raise DataError(f"{materials.file} has a corner at {farthest:.3g}, up to {FARTHEST:g} is read; clean the mesh")
-    flat = np.linalg.norm(triangles.normals, axis=1) < 1e-12
+    flat = triangles.twice_areas < 1e-12
     if flat.all():
         raise DataError(f"{materials.file}: none of its {len(flat)} triangles has an area; is it scaled to metres?")
-    lost = np.asarray(~(np.abs(triangles.uv) <= MAX_UV).all(axis=(1, 2)))  # NaN, too
-    if lost.any():
+    if not (triangles.uv.min() >= -MAX_UV and triangles.uv.max() <= MAX_UV):  # NaN, too
+        lost = np.asarray(~(np.abs(triangles.uv) <= MAX_UV).all(axis=(1, 2)))
         text = f"triangles have texture coordinates that are NaN, infinite or above {MAX_UV:g}, read as 0"
         materials.notes[text] += int(lost.sum())
         triangles = replace(triangles, uv=np.where(lost[:, None, None], np.float32(0), triangles.uv))

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from omnilab.api import Bytes, Floats
+from omnilab.api import Bytes, Floats, Ints
 from omnilab.errors import DataError
 from omnilab.file_kinds import content_of
 from omnilab_mirror.scene.file_stamps import Stamp, stamp_of
+from omnilab_mirror.scene.meshes.corners import placed
 from omnilab_mirror.scene.nearby_files import file_below
 from omnilab_mirror.scene.pictures import BROKEN, DARK, FRACTIONS, opened
 
@@ -56,12 +57,12 @@ class MeshMaterials:
                 raise ValueError(f"{error.strerror}{_there_is(self.file.parent, path.name)}") from None
         return self.files[path]
 
-    def placed(self, corners: Floats) -> Floats:
-        """Corners (T, 3, 3) less `origin`, in 32 bits, which have seven digits: too few for maps in metres."""
-        if self.origin is None and len(corners):
-            first = corners[0, 0]
+    def placed(self, points: Floats, index: Ints) -> Floats:
+        """Points (V, 3) with the indices (T, 3), less `origin`, in 32 bits, which have seven digits: too few for maps in metres."""
+        if self.origin is None and len(index):
+            first = points[index[0, 0]]
             self.origin = np.where(np.isfinite(first) & (np.abs(first) > FAR), np.floor(first), 0.0)
-        return np.asarray((corners - (0 if self.origin is None else self.origin)).astype(np.float32))
+        return placed(points, index, np.zeros(3) if self.origin is None else self.origin)
 
     def lacks(self, name: str, error: Exception) -> None:
         """Note that a texture or a file of materials cannot be had."""
@@ -95,6 +96,8 @@ class MeshMaterials:
             values = values / 257
         elif highest == 1:
             self.notes["sets of colours are whole numbers of 0 and 1 only, almost black among 0 to 255"] += 1
+        if values.dtype == np.uint8:
+            return np.ascontiguousarray(values)
         outside = ~((values >= 0) & (values <= 255)).all(axis=1)
         self.notes["colours below 0, above their largest or not a number were cut off"] += int(outside.sum())
         return np.asarray(np.rint(np.clip(np.nan_to_num(values), 0, 255)), np.uint8)

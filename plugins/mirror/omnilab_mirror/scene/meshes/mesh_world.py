@@ -67,9 +67,8 @@ def world_of_mesh(file: Path, up: str | None = None, scale: float = 1.0) -> Worl
 def floor_height(triangles: Triangles) -> float | None:
     """Where in the lower half most level area lies, to 5 cm; None where nothing is level."""
     (_, _, low), (_, _, high) = triangles.bounds
-    z, normals = triangles.corners[..., 2].mean(axis=1), triangles.normals
-    area = np.linalg.norm(normals, axis=1)
-    floor = (np.abs(normals[:, 2]) > 0.95 * area) & (z <= (low + high) / 2)
+    z, area = triangles.corners[..., 2].mean(axis=1), triangles.twice_areas
+    floor = (np.abs(triangles.normals[:, 2]) > 0.95 * area) & (z <= (low + high) / 2)
     if not floor.any():
         return None
     bins = np.floor((z[floor] - low) / 0.05).astype(int)

@@ -5,17 +5,20 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from omnilab.api import Bytes, Floats, Ints
 from omnilab.errors import DataError
 from omnilab.file_kinds import has_longer_line
+from omnilab_mirror.scene.meshes.corners import rows_at
 from omnilab_mirror.scene.meshes.mesh_materials import GREY, WHITE, MeshMaterials
 from omnilab_mirror.scene.meshes.mtl import Material, read_mtl, text_of
 from omnilab_mirror.scene.meshes.obj_faces import INDEX, OTHER, parse_faces
+from omnilab_mirror.scene.meshes.obj_scan import Scan, scanned
 from omnilab_mirror.scene.meshes.polygons import split
-from omnilab_mirror.scene.meshes.triangles import Triangles
+from omnilab_mirror.scene.meshes.triangles import Triangles, one_part
 
 LONGEST_LINE = 2**20  # bytes; a face of so many corners is none
 CHUNK = 16_000_000  # bytes that are taken apart at once
@@ -71,19 +74,24 @@ def _plain_text(data: bytes) -> bytes:
 
 def _lines_read(text: bytes, materials: MeshMaterials, limit: int) -> ObjFile:
     reader = _Reader(materials)
-    for lines in _chunks(text):
-        _take(reader.obj, reader.sort(lines), materials, limit)
+    for part in _chunks(text):
+        found = scanned(part, reader.vertices, reader.places)
+        if found is None:
+            _take(reader.obj, reader.sort(part.split(b"\n")), materials, limit)
+        else:
+            reader.take(part, found)
+            _check_count(reader.obj, materials, limit)
     return reader.obj
 
 
-def _chunks(text: bytes) -> Iterator[list[bytes]]:
-    """The lines of the text, some megabytes at once, parted between two that a backslash joins only where too many are."""
+def _chunks(text: bytes) -> Iterator[bytes]:
+    """Whole lines of the text, some megabytes at once, parted between two that a backslash joins only where too many are."""
     start = 0
     while start < len(text):
         end = text.find(b"\n", start + CHUNK)
         while 0 < end < start + CHUNK + 2 * LONGEST_LINE and text[end - 1 : end] == b"\\":
             end = text.find(b"\n", end + 1)
-        yield text[start : end if end >= 0 else len(text)].split(b"\n")
+        yield text[start : end if end >= 0 else len(text)]
         start = end + 1 if end >= 0 else len(text)
 
 
@@ -152,6 +160,29 @@ class _Reader:
         self.vertices, self.places = self.vertices + len(v), self.places + len(vt)
         return chunk
 
+    def take(self, text: bytes, found: Scan) -> None:
+        """Keep what was found in some lines."""
+        group, start = np.empty(len(found.counts), np.int32), 0
+        for at, faces in [*found.others.tolist(), (len(text), len(group))]:
+            if faces > start:
+                group[start:faces] = self.obj.groups.setdefault(self.current, len(self.obj.groups))
+                start = faces
+            if at < len(text):
+                end = text.find(b"\n", at)
+                word, _, rest = text[at : end if end >= 0 else len(text)].strip().partition(b" ")
+                self._state(word, rest)
+        obj, line = self.obj, found.line + np.int32(self.number + 1)
+        pairs: list[tuple[list[Any], Any]] = [
+            (obj.vertices, found.vertices), (obj.places, found.places), (obj.vertex, found.vertex), (obj.place, found.place),
+            (obj.counts, found.counts), (obj.group, group), (obj.line, line),
+        ]  # fmt: skip
+        for kept, new in pairs:
+            if len(new):
+                kept.append(new)
+        obj.triangles += int(np.maximum(found.counts - 2, 0).sum())
+        self.number += text.count(b"\n") + 1
+        self.vertices, self.places = self.vertices + len(found.vertices), self.places + len(found.places)
+
     def _state(self, word: bytes, rest: bytes) -> None:
         """A line that is about those to come, or that is not read."""
         if word == b"usemtl":
@@ -175,13 +206,17 @@ def _take(obj: ObjFile, chunk: _Chunk, materials: MeshMaterials, limit: int) -> 
     if chunk.f:
         vertex, place, counts = _faces(chunk.f, chunk.f_line, materials)
         obj.triangles += int(np.maximum(counts - 2, 0).sum())
-        if obj.triangles > limit:
-            raise DataError(f"{materials.file} has {obj.triangles} triangles, {limit} may be read; decimate the mesh")
+        _check_count(obj, materials, limit)
         obj.vertex.append(vertex)
         obj.place.append(place)
         obj.counts.append(counts)
         obj.group.append(np.array(chunk.f_group, np.int32))
         obj.line.append(np.array(chunk.f_line, np.int32))
+
+
+def _check_count(obj: ObjFile, materials: MeshMaterials, limit: int) -> None:
+    if obj.triangles > limit:
+        raise DataError(f"{materials.file} has {obj.triangles} triangles, {limit} may be read; decimate the mesh")
 
 
 def _counted_from_1(corners: bytes, vertices: int, places: int) -> bytes:
@@ -270,8 +305,10 @@ def _parts(obj: ObjFile, materials: MeshMaterials) -> Iterator[Triangles]:
     triangles = split(vertices[:, :3], vertex - 1, counts)
     materials.notes["polygons that cross themselves were read as fans of triangles"] += triangles.crossing
     known = read_mtl(obj.libraries, materials)
-    group = group[triangles.polygon]
-    order = np.argsort(-group, kind="stable")  # as they have always been: what comes last in the file comes first
+    at, on = triangles.of_corners(vertex - 1), triangles.of_corners(place)
+    group = triangles.of_polygons(group)
+    # as they have always been: what comes last in the file comes first
+    order = np.argsort(-group, kind="stable") if len(obj.groups) > 1 else np.arange(len(group))
     ends = np.searchsorted(-group[order], -np.arange(len(obj.groups) - 1, -1, -1), side="right")
     unknown = sorted({name for name, _ in obj.groups if name is not None and name not in known})
     if unknown and (known or not obj.libraries):
@@ -280,48 +317,45 @@ def _parts(obj: ObjFile, materials: MeshMaterials) -> Iterator[Triangles]:
         )
     start = 0
     for (name, thing), end in zip(reversed(obj.groups), ends.tolist(), strict=True):
-        corners = triangles.corners[order[start:end]]
+        rows = order[start:end] if len(obj.groups) > 1 else slice(None)
         title = "_".join(word for word in (thing, name if len(known) > 1 else None) if word) or materials.file.name
-        chosen, start = vertex[corners] - 1, end
-        yield from _part(
-            vertices[chosen], colors[chosen], place[corners], places, known.get(name or ""), title, materials
-        )
+        start = end
+        yield from _part(vertices, colors, at[rows], on[rows], places, known.get(name or ""), title, materials)
 
 
 def _part(
-    corners: Floats,
+    vertices: Floats,
     colors: Bytes,
-    place: Ints,
+    at: Ints,
+    on: Ints,
     places: Floats,
     material: Material | None,
     title: str,
     materials: MeshMaterials,
 ) -> Iterator[Triangles]:
-    """Triangles with corners (T, 3, 3) of one object and material; those without a place on its texture are apart."""
-    white = np.full((len(corners), 3, 3), 255, np.uint8)
-    nowhere = np.zeros((len(corners), 3, 2), np.float32)
+    """Triangles (T, 3) of one object and material; those without a place on its texture are apart."""
     if material is None:
-        yield _triangles(corners, nowhere, colors, WHITE, title, materials)
+        yield one_part(materials.placed(vertices, at), None, _tints(colors, at), WHITE, title)
         return
-    placed = (place > 0).all(axis=(1,)) if material.texture else np.zeros(len(corners), bool)
+    placed = (on > 0).all(axis=(1,)) if material.texture else np.zeros(len(at), bool)
     if placed.any():
-        uv = places[place[placed] - 1] * material.uv_scale + material.uv_offset
+        uv = places[on[placed] - 1] * material.uv_scale + material.uv_offset
         down = uv.astype(np.float32) * np.array([1, -1], np.float32) + np.array([0, 1], np.float32)
-        yield _triangles(corners[placed], down, white[placed], materials.texture(material.texture), title, materials)
+        picture = materials.texture(material.texture)
+        yield one_part(materials.placed(vertices, at[placed]), down, None, picture, title)
     if not placed.all():
         if material.texture:
             text = "triangles have a texture but no texture coordinates, and take their material's colour"
             materials.notes[text] += int(np.sum(~placed))
-        yield _triangles(
-            corners[~placed], nowhere[~placed], white[~placed], materials.plain(material.color), title, materials
-        )
+        yield one_part(materials.placed(vertices, at[~placed]), None, None, materials.plain(material.color), title)
 
 
-def _triangles(
-    corners: Floats, uv: Floats, colors: Bytes, picture: Bytes, title: str, materials: MeshMaterials
-) -> Triangles:
-    none = np.zeros(len(corners), np.int32)
-    return Triangles(materials.placed(corners), uv, none, colors, none, none.astype(bool), [picture], [title])
+def _tints(colors: Bytes, at: Ints) -> Bytes:
+    if colors.strides[0] == 0:
+        return np.broadcast_to(colors[0], (*at.shape, 3))
+    tints = np.empty((*at.shape, 3), np.uint8)
+    rows_at(np.ascontiguousarray(colors), np.ascontiguousarray(at), tints)
+    return tints
 
 
 def _stacked(parts: list[Floats], materials: MeshMaterials) -> tuple[Floats, Bytes]:

@@ -163,7 +163,7 @@ def _element(cells: Array, position: int, declared: Declared, order: str) -> tup
     table = cells[position : position + used].view(row) if used else np.empty(declared.rows, row)
     for part, length in zip(declared.properties, lengths, strict=True):
         values = _typed(table[part.name], part)
-        _add(element, part, values.reshape(-1), np.full(declared.rows, length))
+        _add(element, part, values.reshape(-1), np.broadcast_to(np.int64(length), declared.rows))
     return element, position + used
 
 
@@ -183,7 +183,7 @@ def _typed(values: Array, part: Property) -> Array:
         if wrong.any():
             raise PlyError(f"its property '{part.name}' has {values[wrong][0]:g}, which its type cannot hold")
     with np.errstate(over="ignore"):
-        return np.ascontiguousarray(values).astype(kind)
+        return np.ascontiguousarray(values.astype(kind, copy=False))
 
 
 def _even_lengths(cells: Array, position: int, declared: Declared, order: str) -> list[int] | None:

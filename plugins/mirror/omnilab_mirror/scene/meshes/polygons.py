@@ -19,9 +19,17 @@ FLAT = 1e-12  # of the square of its size: what has a smaller area is a line
 class Split(NamedTuple):
     """T triangles of P polygons, polygon after polygon."""
 
-    corners: Ints  # (T, 3) which of all corners
-    polygon: Ints  # (T,)
+    corners: Ints | None  # (T, 3) which of all corners; None: three after the other, since all polygons are triangles
+    polygon: Ints | None  # (T,)
     crossing: int  # how many polygons cross themselves, or are too long, and were split as fans nevertheless
+
+    def of_corners(self, values: Array) -> Array:
+        """What is given for each of all corners (C, ...), for those of the triangles (T, 3, ...)."""
+        return values.reshape(-1, 3, *values.shape[1:]) if self.corners is None else values[self.corners]
+
+    def of_polygons(self, values: Array) -> Array:
+        """What is given for each polygon (P, ...), for each triangle (T, ...)."""
+        return values if self.polygon is None else values[self.polygon]
 
 
 def split(points: Floats, vertex: Ints, counts: Ints) -> Split:
@@ -29,6 +37,8 @@ def split(points: Floats, vertex: Ints, counts: Ints) -> Split:
 
     Corners of fewer than three are left out. Areas are exact where a polygon is flat and does not cross itself.
     """
+    if (counts == 3).all():
+        return Split(None, None, 0)
     first = np.cumsum(counts) - counts
     corners, polygons, crossing = [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)], 0
     for n in np.unique(counts[counts >= 3]):

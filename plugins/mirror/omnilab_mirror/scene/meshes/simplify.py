@@ -19,7 +19,7 @@ def simplified(triangles: Triangles) -> Mesh:
     """At most 60,000 triangles with one colour per vertex, open from above."""
     shown = triangles[~_overhead(triangles)]
     shown = shown if len(shown) else triangles
-    area_m2 = np.linalg.norm(shown.normals, axis=1).sum() / 2
+    area_m2 = shown.twice_areas.sum() / 2
     colors, cell_m = _corner_colors(shown), max(FINEST_M, np.sqrt(area_m2 / MAX_TRIANGLES) / 3)
     while True:
         mesh = _clustered(shown.corners.reshape(-1, 3), colors.reshape(-1, 3), cell_m)
@@ -31,7 +31,7 @@ def simplified(triangles: Triangles) -> Mesh:
 def _overhead(triangles: Triangles) -> Bools:
     """Which triangles (T,) are level and in the top fifth: the ceiling, where there is one."""
     (_, _, low), (_, _, high) = triangles.bounds
-    level = np.abs(triangles.normals[:, 2]) > 0.7 * np.linalg.norm(triangles.normals, axis=1)
+    level = np.abs(triangles.normals[:, 2]) > 0.7 * triangles.twice_areas
     lowest_m = max(high - (high - low) / 5, low + CEILING_M)
     return np.asarray(level & (triangles.corners[..., 2].mean(axis=1) > lowest_m))
 

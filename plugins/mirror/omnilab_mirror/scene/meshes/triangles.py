@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from omnilab.api import Bools, Bytes, Floats, Ints
+from omnilab_mirror.scene.meshes.corners import extent, moved, normals_of
 from omnilab_mirror.scene.quads import Quad
 
 Array = npt.NDArray[Any]
@@ -36,26 +37,66 @@ class Triangles:
         fields = ("corners", "uv", "picture", "colors", "name", "painted")
         return replace(self, **{field: getattr(self, field)[which] for field in fields})
 
+    @cached_property
+    def _extent(self) -> tuple[Floats, bool]:
+        return extent(self.corners)
+
     @property
     def bounds(self) -> Floats:
         """Lowest and highest corner (2, 3)."""
-        points = self.corners.reshape(-1, 3)
-        return np.array([points.min(0), points.max(0)], float)
+        return self._extent[0]
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether no corner is NaN or infinite."""
+        return self._extent[1]
 
     @cached_property
+    def tinted(self) -> bool:
+        """Whether any corner has another colour than white."""
+        return bool(np.any(self.colors < 255))
+
+    @cached_property
+    def _normals(self) -> tuple[Floats, Floats]:
+        return normals_of(self.corners)
+
+    @property
     def normals(self) -> Floats:
         """Normals (T, 3), twice the area long, by the right hand around the corners."""
-        a, b, c = (self.corners[:, i] for i in range(3))
-        return np.asarray(np.cross(b - a, c - a))
+        return self._normals[0]
+
+    @property
+    def twice_areas(self) -> Floats:
+        """The normals' lengths (T,)."""
+        return self._normals[1]
 
     def moved(self, matrix: Floats, at: Floats) -> Triangles:
         """All points x become matrix @ x + at."""
-        return replace(self, corners=(self.corners @ np.asarray(matrix).T + at).astype(np.float32))
+        if np.array_equal(matrix, np.eye(3)) and not np.any(at):
+            return self
+        return replace(self, corners=moved(self.corners, np.asarray(matrix, float), np.asarray(at, float)))
+
+
+def one_part(corners: Floats, uv: Floats | None, colors: Bytes | None, picture: Bytes, name: str) -> Triangles:
+    """Triangles with one picture and name; without `uv` they have its first corner, without `colors` they are white."""
+    count = len(corners)
+    return Triangles(
+        corners,
+        np.broadcast_to(np.float32(0), (count, 3, 2)) if uv is None else uv,
+        np.broadcast_to(np.int32(0), count),
+        np.broadcast_to(np.uint8(255), (count, 3, 3)) if colors is None else colors,
+        np.broadcast_to(np.int32(0), count),
+        np.broadcast_to(np.bool_(False), count),
+        [picture],
+        [name],
+    )
 
 
 def joined(parts: Sequence[Triangles]) -> Triangles:
     """Several as one; a picture that they share is kept once."""
     pictures = {id(picture): picture for part in parts for picture in part.pictures}
+    if len(parts) == 1 and len(pictures) == len(parts[0].pictures):
+        return parts[0]
     number = {key: i for i, key in enumerate(pictures)}
     index = [np.array([number[id(picture)] for picture in part.pictures], np.int32) for part in parts]
     names = np.cumsum([0, *(len(part.names) for part in parts)])
