@@ -15,7 +15,7 @@ from omnilab_mirror.scene.world import World
 HEIGHT_M = 1.0
 SAME_PLANE_M = 0.002  # nearer than this, two quads shine through each other
 OVERLAP_M = 0.02  # quads and solids that touch overlap by less
-RIGHT_DEG = (45, 90, 135, 180, 270)  # call about where they are given in radians
+RIGHT_DEG = (45, 90, 135, 180, 270)  # asked about where they are given in radians
 OPEN_M = 500.0  # an area as high as this has no ceiling
 
 
