@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -128,8 +129,10 @@ def test_other_files_in_the_folder_stand_for_nothing(plugin: Path) -> None:
 
 
 @pytest.mark.slow
-def test_workers_know_them(plugin: Path, omnilab_here: Callable[..., Any]) -> None:
-    rc, out, err = omnilab_here("-m", "hydra/launcher=joblib", "experiment=count_five", "study.upto=1,2")
+def test_workers_know_them(plugin: Path, omnilab: Callable[..., Any]) -> None:
+    """In a process of its own: workers that joblib kept of another test would not."""
+    words = ("-m", "hydra/launcher=joblib", "experiment=count_five", "study.upto=1,2")
+    rc, out, err = omnilab(*words, env={"OMNILAB_PLUGINS": os.environ["OMNILAB_PLUGINS"]})
     assert rc == 0, err
     assert [line.split()[3] for line in out.splitlines()[-2:]] == ["1", "2"]  # `counted`
 

@@ -20,6 +20,9 @@ ROOT = Path(__file__).parents[2]
 PROJECTS = [ROOT, *sorted(path.parent for path in (ROOT / "plugins").glob("*/pyproject.toml"))]
 LEFT_BEHIND = shutil.ignore_patterns(".*", "__pycache__", "*.egg-info", "build", "dist", "logs", "tests")
 NOT_SHIPPED = {"fidelity.json", "performance.json"}  # the measurements from which pages are made
+DOCUMENTS = {
+    f"omnilab-0.1.0.data/data/share/doc/omnilab/{name}.md" for name in ("CHANGELOG", "CONTRIBUTING", "SECURITY")
+}  # pages of the site
 UV = os.environ.get("UV") or shutil.which("uv")
 
 pytestmark = pytest.mark.skipif(UV is None, reason="uv is not there to build and install with")
@@ -66,7 +69,9 @@ def shipped(folder: Path) -> set[str]:
 @pytest.mark.parametrize("folder", PROJECTS, ids=["omnilab", *(folder.name for folder in PROJECTS[1:])])
 def test_a_wheel_holds_the_files_of_its_distribution_and_no_others(folder: Path, wheels: Path) -> None:
     with wheel_of(folder, wheels) as wheel:
-        assert {name for name in wheel.namelist() if ".dist-info/" not in name} == shipped(folder)
+        assert {name for name in wheel.namelist() if ".dist-info/" not in name} == shipped(folder) | (
+            DOCUMENTS if folder == ROOT else set()
+        )
         entry_points = configparser.ConfigParser()
         (table,) = (name for name in wheel.namelist() if name.endswith(".dist-info/entry_points.txt"))
         entry_points.read_string(wheel.read(table).decode())

@@ -48,10 +48,10 @@ def test_a_worker_that_dies_is_one_failed_job(omnilab_in, tmp_path, launcher):
     pytest.importorskip(MODULES[launcher])
     words = ["-m", "~experiment", "study=work", "~sinks.rerun", "~sinks.mcap", "hydra.sweep.dir=s", "study.wait_s=0.2"]
     result = omnilab_in(
-        tmp_path, *words, "study.how=well,die", "seed=1,2", *LAUNCHERS[launcher][:1],
+        tmp_path, *words, "study.how=well,die", *LAUNCHERS[launcher][:1],
         env={"OMNILAB_PLUGINS": str(PLUGIN)}, timeout=240,
     )  # fmt: skip
     assert result.rc == 1, result.stderr
     rows = list(csv.DictReader((tmp_path / "s" / "summary.csv").read_text().splitlines()))
-    assert [(row["study.how"], row["status"]) for row in rows] == [("well", "done")] * 2 + [("die", "killed")] * 2
+    assert [(row["study.how"], row["status"]) for row in rows] == [("well", "done"), ("die", "killed")]
     assert "Traceback" not in result.stderr

@@ -76,6 +76,17 @@ def serve(
         served.stop()
 
 
+@pytest.fixture(scope="module")
+def served_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    """A service for all tests of a module that change nothing: each one's processes import the plugins first."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        served = Served(ServeSettings(logs=tmp_path_factory.mktemp("logs"), port=free_port()))
+        served.start()
+        yield served
+        served.stop()
+
+
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
     if CHROMIUM is None:

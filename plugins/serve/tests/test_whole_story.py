@@ -25,7 +25,7 @@ from omnilab.runner.sweeps import load_sweep
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
 SMALL = ["study.step_m=1.0", "sensor.size=64", "cache=off"]
-WATCHED = {"study.query_count": "400", "sensor.size": "96"}  # long enough for its bar to be seen at several lengths
+WATCHED = {"study.query_count": "150", "sensor.size": "96"}  # long enough for its bar to be seen at several lengths
 OMNILAB = [sys.executable, "-m", "omnilab"]
 
 
@@ -102,7 +102,7 @@ def test_in_a_browser(home, address, tab):
     tab.locator('[id="set-sensor.size"]').fill(WATCHED["sensor.size"])
     tab.locator("#command", has_text="sensor.size=96").wait_for()
     assert (
-        tab.locator("#command").text_content() == "omnilab experiment=quickstart study.query_count=400 sensor.size=96"
+        tab.locator("#command").text_content() == "omnilab experiment=quickstart study.query_count=150 sensor.size=96"
     )
     tab.get_by_role("button", name="Start").click()
 
@@ -121,7 +121,7 @@ def test_in_a_browser(home, address, tab):
     assert tab.locator("h1").text_content() == "quickstart"
     (run,) = [run for run in find_runs(home / "logs") if run.folder.parent.name == "quickstart"]
     assert run.state == DONE
-    assert run.config["study"]["query_count"] == 400
+    assert run.config["study"]["query_count"] == 150
     path = run.folder.relative_to(home / "logs").as_posix()
 
     tab.goto(f"{address}/viewer/{path}")
@@ -129,7 +129,7 @@ def test_in_a_browser(home, address, tab):
     assert colours
 
     second = Client(address).submit(
-        SubmissionRequest(["experiment=quickstart", "descriptor=hog", "study.query_count=400", "sensor.size=96"])
+        SubmissionRequest(["experiment=quickstart", "descriptor=hog", "study.query_count=30", "sensor.size=96"])
     )
     second = Client(address).wait(second.id, 240)
     tab.goto(address)
