@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
-        "--fuzz-examples", type=int, default=60, help="inputs of the slow part of tests/fuzz (%(default)s: minutes)"
+        "--fuzz-examples", type=int, default=20, help="inputs of the slow part of tests/fuzz (%(default)s: minutes)"
     )
     parser.addoption(
         "--fuzz-first", type=int, default=0, help="number of the first input of each family: others each time"

@@ -29,6 +29,8 @@ HEAVY = (
     "within_glb",
 )  # their libraries take seconds to import and to compile
 
+FEW = 20  # examples, what tests/fuzz/conftest.py has by default
+
 
 @pytest.mark.parametrize("name", [name for name in ALL if not name.startswith(HEAVY)])
 def test_a_few_fuzzed_files_of_every_light_format(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -57,9 +59,14 @@ def test_a_few_settings_of_any_component(constructed: fuzz_settings.Constructed,
 @pytest.mark.slow
 @pytest.mark.timeout(0)
 def test_all_families(request: pytest.FixtureRequest) -> None:
-    """In processes of their own, with 2 GB each: uv run pytest tests/fuzz -m slow -s --fuzz-examples 20000"""
-    count, first = (str(request.config.getoption(f"--fuzz-{name}")) for name in ("examples", "first"))
-    command = [sys.executable, Path(__file__).with_name("fuzz_run.py"), "--examples", count, "--first", first]
+    """In processes of their own, with 2 GB each: uv run pytest tests/fuzz -m slow -s --fuzz-examples 20000
+
+    Unless more examples are asked for, without the light formats and the settings, of which there are a few above.
+    """
+    count, first = (request.config.getoption(f"--fuzz-{name}") for name in ("examples", "first"))
+    command = [sys.executable, Path(__file__).with_name("fuzz_run.py"), "--examples", str(count), "--first", str(first)]
+    if count <= FEW:
+        command += ["--family", *(name for name in ALL if name.startswith(HEAVY)), "runs"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     sys.stdout.write(done.stdout)
     assert done.returncode == 0, done.stdout + done.stderr

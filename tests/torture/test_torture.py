@@ -24,7 +24,7 @@ from omnilab.errors import DataError
 HEAD = promises.HEAD
 RUN = Path(__file__).with_name("torture_run.py")
 SAMPLE = {  # the first case of families which no other test has, on the scenarios `map`, `run` and `sweep`
-    "instant": 1, "together": 1, "identity": 1,
+    "instant": 1, "identity": 1,
 }  # fmt: skip
 Survey = dict[str, list[tuple[str, str]]]
 
