@@ -59,7 +59,7 @@ def test_bench_embree_alone(benchmark):
 
 
 @pytest.fixture(scope="module")
-def large(tmp_path_factory, measured) -> Path:
+def large(tmp_path_factory) -> Path:
     """A hall of 25 x 20 m with a floor of bumps, a grid of 10 million triangles, in each kind of file."""
     folder = tmp_path_factory.mktemp("large")
     x, y = np.meshgrid(np.linspace(-12.5, 12.5, COLUMNS), np.linspace(-10, 10, ROWS))
