@@ -30,6 +30,7 @@ from omnilab_recordings.panoramas import Panorama, panorama_kind
 from omnilab_recordings.poses.filename_poses import Naming, naming
 from omnilab_recordings.questions import questions
 from omnilab_recordings.recording import POSITIONS_FILE, Recording, open_recording
+from omnilab_recordings.remarks import RemarkLog
 
 R = TypeVar("R")
 log = logging.getLogger("omnilab")
@@ -133,14 +134,14 @@ class Folder:
 
     def frames(self, plan: Plan) -> Iterator[Frames]:
         """The planned images, `batch` at a time; DataError if none of them can be read."""
-        self._warn(self.remarks)
+        self._remark_log.warn(self.remarks)
         loaded: list[_LoadedImage] = []
         omitted: list[str] = []
         for image in self._images(plan.keys):
             if isinstance(image, str):
                 omitted.append(image)
                 continue
-            self._warn(remarks.of_files({plan.keys[image.index]: image.remarks}))
+            self._remark_log.warn(remarks.of_files({plan.keys[image.index]: image.remarks}))
             if len(loaded) == min(self.batch, self._at_a_time):
                 yield self._packed(plan, loaded, omitted)
                 loaded, omitted = [], []
@@ -269,16 +270,9 @@ class Folder:
         known = {topic: text for topic, text in other.items() if text is not None}
         return remarks.of_files(files) | self.camera_choice.remarks(self.optics.camera, alike) | known
 
-    def _warn(self, sentences: Mapping[str, str]) -> None:
-        """Log what was not logged before."""
-        for topic, sentence in sentences.items():
-            if topic not in self._logged:
-                log.warning("%s: %s", self.path, sentence)
-                self._logged.add(topic)
-
     @cached_property
-    def _logged(self) -> set[str]:
-        return set()
+    def _remark_log(self) -> RemarkLog:
+        return RemarkLog(self.path)
 
     @cached_property
     def sample(self) -> dict[str, DecodedImage]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import PurePosixPath
 
 from omnilab_recordings.images.decoding import DecodedImage
 from omnilab_recordings.images.headers import FULL
+
+log = logging.getLogger("omnilab")
 
 SHOWN = 3  # files in a sentence
 DARK = 2**14  # of samples of 16 bits: if none is as large, the camera has fewer bits, or the pictures are dark
@@ -19,6 +22,21 @@ TEXTS = {
     "orientation": "images are turned as their EXIF tags say, as viewers show them; of a camera that looks up or down tags are"
     " but guesses, and sensor.exif_orientation=false takes the pixels as stored",
 }
+
+
+class RemarkLog:
+    """Logs the remarks on a recording, each topic once."""
+
+    def __init__(self, path: str) -> None:
+        self._path = path
+        self._logged: set[str] = set()
+
+    def warn(self, remarks: Mapping[str, str]) -> None:
+        """Log what was not logged before: sentences, by topic."""
+        for topic, sentence in remarks.items():
+            if topic not in self._logged:
+                log.warning("%s: %s", self._path, sentence)
+                self._logged.add(topic)
 
 
 def of_file(image: DecodedImage, exif_orientation: bool) -> dict[str, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -26,6 +26,7 @@ from omnilab_recordings.images.headers import ImageHeader
 from omnilab_recordings.on_bad_image import OnBadImage
 from omnilab_recordings.optics import Optics, check_circle, check_size, most_alike
 from omnilab_recordings.panoramas import Panorama, panorama_kind
+from omnilab_recordings.remarks import RemarkLog
 from omnilab_recordings.streams.clock_offset import estimate_offset
 from omnilab_recordings.streams.image_stream import ImageStream, image_name
 from omnilab_recordings.streams.poses import SECOND_NS, PoseSource, poses_of_file, source_of
@@ -99,7 +100,7 @@ class StreamSensor:
                 " experiment=recorded_trajectory do, or convert it to a folder (omnilab convert) and give grid columns there"
             )
         rows, source = self._rows(), self.source
-        self._warn(self.stream.remarks)
+        self._remark_log.warn(self.stream.remarks)
         if source is None:
             return Plan(self._names(rows), None)
         T, known = source.at(self.stream.stamps_ns[rows], self.tolerance_s)
@@ -110,7 +111,7 @@ class StreamSensor:
 
     def frames(self, plan: Plan) -> Iterator[Frames]:
         """The planned images, `batch` at a time; DataError if none of them can be read."""
-        self._warn(self.remarks)
+        self._remark_log.warn(self.remarks)
         rows = self._rows_of(plan.keys)
         loaded: list[tuple[int, str, Bytes]] = []
         omitted: list[str] = []
@@ -250,16 +251,9 @@ class StreamSensor:
         """What a user should know of how the recording is read, a sentence a topic, as far as a sample shows it."""
         return dict(self.stream.remarks) | self.camera_choice.remarks(self.optics.camera, most_alike(self.sample))
 
-    def _warn(self, sentences: Mapping[str, str]) -> None:
-        """Log what was not logged before."""
-        for topic, sentence in sentences.items():
-            if topic not in self._logged:
-                log.warning("%s: %s", self.path, sentence)
-                self._logged.add(topic)
-
     @cached_property
-    def _logged(self) -> set[str]:
-        return set()
+    def _remark_log(self) -> RemarkLog:
+        return RemarkLog(self.path)
 
     # ----------------------------------------------------------------------------------------------------------- poses
     @cached_property
@@ -306,7 +300,7 @@ class StreamSensor:
             return []
         why = self.source.left_out(self.tolerance_s)
         since_s = (self.stream.stamps_ns[rows] - self.stream.stamps_ns[0]) / SECOND_NS
-        self._warn({
+        self._remark_log.warn({
             "poses": f"{len(rows)} of {len(self._rows())} images have no pose and are left out: that at {since_s[0]:.3f} s {why}"
         })  # fmt: skip
         return [f"{name} {why}" for name in self._names(rows)]
