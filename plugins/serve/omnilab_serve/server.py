@@ -10,7 +10,7 @@ import uvicorn
 from fastapi import FastAPI
 
 from omnilab.errors import ConfigError
-from omnilab_serve.security.connections import TimedConnection
+from omnilab_serve.security.connections import REQUEST_S, TimedConnection
 
 MOST_CONNECTIONS = 600  # at once; each is an open file, of which a process has 1024 mostly
 MOST_HEADERS = 32_000  # bytes, of all headers of a request
@@ -23,7 +23,7 @@ class PageServer(uvicorn.Server):
     def __init__(self, app: FastAPI, listener: socket.socket, ready: Callable[[], None] = lambda: None) -> None:
         config = uvicorn.Config(
             app, http=TimedConnection, ws="none", lifespan="off", log_level="warning", access_log=False,
-            proxy_headers=False, server_header=False, limit_concurrency=MOST_CONNECTIONS, timeout_keep_alive=5,
+            proxy_headers=False, server_header=False, limit_concurrency=MOST_CONNECTIONS, timeout_keep_alive=REQUEST_S,
             timeout_graceful_shutdown=STOP_S, h11_max_incomplete_event_size=MOST_HEADERS,
         )  # fmt: skip
         super().__init__(config)
