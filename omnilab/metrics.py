@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,7 @@ SAME = 1e-12  # of the largest coordinate: positions closer than that are one
 ROUNDING = 1e-6  # of the largest: distances that differ by less are equal but for rounding
 SPACING_SAMPLES = 1000
 SAMPLED = 64  # numbers of a signature that are compared first
+AT_ONCE = 1_000_000  # indices of resamples: 8 MB
 VERDICTS = ("nearest", "second", "wrong")
 
 
@@ -115,10 +117,14 @@ def first_ranks(field: Floats, true: Bools) -> Ints:
     return np.where(true.any(axis=1), 1 + ((field <= best[:, None]) & ~true).sum(axis=1), 0)
 
 
-def recall_at(ranks: Ints, n: int) -> float:
-    """Share of the queries with a true place (rank above 0) of which one is among the first n; NaN if there is no such query."""
-    known = ranks[ranks > 0]
-    return float((known <= n).mean()) if len(known) else float("nan")
+def recall_at(ranks: Ints, n: int) -> Floats:
+    """Share (...) of the queries (..., Q) with a true place (rank above 0) of which one is among the first n.
+
+    NaN where there is no such query.
+    """
+    known = ranks > 0
+    found, count = (known & (ranks <= n)).sum(axis=-1), known.sum(axis=-1)
+    return np.asarray(np.divide(found, count, out=np.full(count.shape, np.nan), where=count > 0))
 
 
 def precision_recall(distance: Floats, correct: Bools, known: Bools) -> tuple[Floats, Floats, Floats]:
@@ -146,14 +152,42 @@ def recall_at_full_precision(precision: Floats, recall: Floats) -> float:
     return float(np.max(recall[precision == 1], initial=0)) if np.isfinite(recall).all() else float("nan")
 
 
+def resampled_curves(distance: Floats, correct: Bools, known: Bools, chosen: Ints) -> Iterator[tuple[Floats, Floats]]:
+    """Precision and recall (K,) by `precision_recall` of each of R resamples, indices (R, Q) of the answers.
+
+    They are sorted once: a resample is how often each is drawn.
+    """
+    order = np.argsort(distance, kind="stable")
+    order = order[np.isfinite(distance[order])]
+    ends = np.flatnonzero(np.diff(distance[order], append=np.inf) > 0)
+    count = len(distance)
+    drawn = np.bincount((chosen + count * np.arange(len(chosen))[:, None]).ravel(), minlength=count * len(chosen))
+    drawn = drawn.reshape(len(chosen), count)
+    accepted = np.cumsum(drawn[:, order], axis=1)[:, ends]
+    positives = np.cumsum(drawn[:, order] * correct[order], axis=1)[:, ends]
+    new = np.diff(accepted, prepend=0, axis=1) > 0
+    for row, all_known in enumerate(drawn @ known):
+        right = positives[row, new[row]]
+        yield right / accepted[row, new[row]], right / all_known if all_known else np.full(len(right), np.nan)
+
+
 def bootstrap(
-    statistic: Callable[[Ints], float], count: int, rng: np.random.Generator, resamples: int = 1000
+    statistic: Callable[[Ints], Any],
+    count: int,
+    rng: np.random.Generator,
+    resamples: int = 1000,
+    vectorized: bool = False,
 ) -> tuple[float, float]:
     """95 % interval of a statistic of `count` observations: percentiles over resamples with replacement (Efron, 1979).
 
-    `statistic` takes indices of observations; resamples of which it is NaN do not count.
+    `statistic` takes indices (count,) of observations, or those (R, count) of R resamples if it is `vectorized`: then it
+    returns an array (R,). Resamples of which it is NaN do not count. The interval is the same either way.
     """
-    found = [statistic(rng.integers(count, size=count)) for _ in range(resamples)]
+    most = max(1, AT_ONCE // max(1, count)) if vectorized else 1
+    found = list[float]()
+    while (left := resamples - len(found)) > 0:
+        chosen = rng.integers(count, size=(min(most, left), count))
+        found += statistic(chosen).tolist() if vectorized else [statistic(chosen[0])]
     low, high = np.nanquantile(found, [0.025, 0.975]) if np.isfinite(found).any() else (np.nan, np.nan)
     return float(low), float(high)
 

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from omnilab import metrics
 from omnilab.metrics import (
     average_precision,
     bootstrap,
@@ -17,6 +18,7 @@ from omnilab.metrics import (
     ranks,
     recall_at,
     recall_at_full_precision,
+    resampled_curves,
     sharpness,
     spacing,
     tie_distance,
@@ -179,3 +181,27 @@ def test_without_a_true_place_there_is_no_recall_at_any_precision():
 @given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=9))
 def test_the_middle_of_numbers_in_order_is_numpys_median(numbers):
     assert middle(sorted(numbers)) == np.median(numbers)
+
+
+@pytest.mark.parametrize("known_rate", [0.0, 0.02, 0.5, 1.0])
+def test_curves_of_resamples_are_those_of_each_alone(known_rate):
+    """Bit for bit, with ties, infinite distances, and resamples without a query that has a place."""
+    rng = np.random.default_rng(7)
+    distance = np.where(rng.random(60) < 0.1, np.inf, rng.integers(20, size=60) / 7)
+    correct, known = rng.random(60) < 0.6, rng.random(60) < known_rate
+    chosen = rng.integers(60, size=(40, 60))
+    for row, (precision, recall) in zip(chosen, resampled_curves(distance, correct, known, chosen), strict=True):
+        expected = precision_recall(distance[row], correct[row], known[row])[:2]
+        np.testing.assert_array_equal(precision, expected[0])
+        np.testing.assert_array_equal(recall, expected[1])
+
+
+@pytest.mark.parametrize("count", [1, 7, 3001])
+def test_a_vectorized_bootstrap_is_the_same(monkeypatch, count):
+    """Also where not all resamples are drawn at once."""
+    monkeypatch.setattr(metrics, "AT_ONCE", 10_000)
+    values = np.random.default_rng(2).normal(size=count)
+    for statistic in (np.mean, np.median):
+        alone = bootstrap(lambda chosen: float(statistic(values[chosen])), count, np.random.default_rng(3), 50)  # noqa: B023
+        at_once = bootstrap(lambda chosen: statistic(values[chosen], axis=1), count, np.random.default_rng(3), 50, True)  # noqa: B023
+        assert at_once == alone

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 from dataclasses import replace
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +77,46 @@ def test_the_versions_of_all_that_shipped_descriptors_compute_with_are_in_their_
 
     first_words = {line.partition(" ")[0] for line in fingerprint(Radon()).splitlines()}
     assert {"numpy", "scipy", "numba", "opencv-python-headless", "omnilab", "omnilab-appearance"} <= first_words
+
+
+IMPORTS = """\
+import a1
+import a2.deep, a3 as other, \\
+    a4
+from a5 import x
+from a6.deep import (x,
+    y)
+if True: import a7
+x = 1; from a8 import x
+def f():
+\timport a9
+try:
+    from .near import x
+    from . import near
+except ImportError: import b1; import b2
+from \\
+    b3 import x
+"""
+
+
+def test_all_ways_to_write_an_import_are_read(tmp_path, monkeypatch):
+    """As Python's own parser reads them, and no others here."""
+    path = tmp_path / "module.py"
+    path.write_text("\ufeff" + IMPORTS)
+    monkeypatch.setattr(fingerprint_module, "_files", lambda top: [path])
+    found = set[str]()
+    for node in ast.walk(ast.parse(IMPORTS)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.partition(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            found.add(node.module.partition(".")[0])
+    assert fingerprint_module._imports("module") == found
+    assert len(found) == 12
+
+
+def test_names_are_of_the_distributions_that_importlib_says():
+    ours = {top: sorted({found.name for found in of}) for top, of in fingerprint_module._distributions().items()}
+    assert ours == {top: sorted(set(of)) for top, of in packages_distributions().items()}
 
 
 @pytest.mark.parametrize("what", ["python_version", "machine"])

@@ -16,11 +16,12 @@ from omnilab.metrics import (
     precision_recall,
     recall_at,
     recall_at_full_precision,
+    resampled_curves,
 )
 from omnilab_studies.common.samples import of_known
 from omnilab_studies.common.scores import UNDECIDED, ScoredEstimates
 
-Statistic = Callable[[Ints], float]  # of the queries with these indices
+Statistic = Callable[[Ints], Floats]  # of each of R resamples, (R,), by indices of queries (R, Q)
 SHOWN_RANKS = (1, 5, 10)
 METRIC_NAMES = (  # of localisation in a map, those that every run has first
     *(f"{verdict}_rate" for verdict in VERDICTS), "position_error_median", "position_error_mean", "position_error_p95",
@@ -40,10 +41,11 @@ def localization_metrics(
     counts as the worst of the places that are as near, is within no step, and has no heading error.
     """
     count = len(scored.place)
-    found = [
-        Metric(name, statistic(np.arange(count)), unit, bootstrap(statistic, count, rng), _note(scored, name))
-        for name, unit, statistic in _statistics(scored, place_count, step_m)
-    ]
+    found = []
+    for name, unit, statistic in _statistics(scored, place_count, step_m):
+        value = float(statistic(np.arange(count)[None])[0])
+        interval = bootstrap(statistic, count, rng, vectorized=True)
+        found.append(Metric(name, value, unit, interval, _note(scored, name)))
     without = Metric("queries_without_place", int((~scored.known).sum()), "1")
     return [*found, Metric("queries", count, "1"), without]
 
@@ -60,8 +62,8 @@ def _statistics(scored: ScoredEstimates, place_count: int, step_m: float) -> Ite
         yield "within_step_rate", "1", _mean((scored.error_m <= step_m) & scored.decided)
     for name, n in recalled(scored, place_count).items():
         yield name, "1", partial(_recall_at, true_ranks(scored), n)
-    yield "average_precision", "1", lambda chosen: average_precision(*curve(scored, chosen))
-    yield "recall_at_full_precision", "1", lambda chosen: recall_at_full_precision(*curve(scored, chosen))
+    yield "average_precision", "1", partial(_of_curve, average_precision, scored)
+    yield "recall_at_full_precision", "1", partial(_of_curve, recall_at_full_precision, scored)
 
 
 def recalled(scored: ScoredEstimates, place_count: int) -> dict[str, int]:
@@ -79,9 +81,9 @@ def true_ranks(scored: ScoredEstimates) -> Ints:
     return np.where(_judged(scored), found, 0)
 
 
-def curve(scored: ScoredEstimates, chosen: Ints | slice = slice(None)) -> tuple[Floats, Floats]:
-    """Precision and recall (K,) as estimates, or some of them, are accepted, the most certain first."""
-    return precision_recall(scored.distance[chosen], scored.correct[chosen], _judged(scored)[chosen])[:2]
+def curve(scored: ScoredEstimates) -> tuple[Floats, Floats]:
+    """Precision and recall (K,) as estimates are accepted, the most certain first."""
+    return precision_recall(scored.distance, scored.correct, _judged(scored))[:2]
 
 
 def _judged(scored: ScoredEstimates) -> Bools:
@@ -98,8 +100,13 @@ def _note(scored: ScoredEstimates, name: str) -> str:
     return "every place of the map is within one step of every query"
 
 
-def _recall_at(ranks: Ints, n: int, chosen: Ints) -> float:
+def _recall_at(ranks: Ints, n: int, chosen: Ints) -> Floats:
     return recall_at(ranks[chosen], n)
+
+
+def _of_curve(statistic: Callable[[Floats, Floats], float], scored: ScoredEstimates, chosen: Ints) -> Floats:
+    curves = resampled_curves(scored.distance, scored.correct, _judged(scored), chosen)
+    return np.array([statistic(*each) for each in curves])
 
 
 def _spread(name: str, values: Floats, unit: str) -> Iterator[tuple[str, str, Statistic]]:
@@ -116,8 +123,10 @@ def _median(values: Floats) -> Statistic:
     return partial(_of, np.median, values)
 
 
-def _of(statistic: Callable[[Floats], Any], values: Floats, chosen: Ints) -> float:
-    return of_known(statistic, values[chosen])
+def _of(statistic: Callable[..., Any], values: Floats, chosen: Ints) -> Floats:
+    if np.isfinite(values).all():
+        return np.asarray(statistic(values[chosen], axis=1))
+    return np.array([of_known(statistic, drawn) for drawn in values[chosen]])
 
 
 def map_metrics(places: Places, scored: ScoredEstimates, omitted: int) -> list[Metric]:
