@@ -1,6 +1,7 @@
 """Numba kernels of `spring` and `smacof`. Every set of points is embedded alone, in one fixed order.
 
-Points are (2, n), and every pair is visited from both sides: that is what the compiler turns into vector code.
+Points are (2, n), and every pair is visited from both sides: that is what the compiler turns into vector code. Parallel loops
+only call, and points are copied by a loop: assigning an array to a part of one takes three seconds to compile.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ ANY_ORDER = {"reassoc", "contract", "arcp", "nsz"}
 TINY = 1e-300  # keeps the direction between two points in one place at zero
 
 
-@nb.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
 def springs(lengths, stiffness, damping, start, verlet, step_s, tolerance, limit, marks):  # type: ignore[no-untyped-def]
     """Integrate masses of 1 kg from rest at `start` (R, 2, n), joined by springs and dampers: three times (B, n, n).
 
@@ -25,23 +25,40 @@ def springs(lengths, stiffness, damping, start, verlet, step_s, tolerance, limit
     -1 where they did not settle in `limit`, time steps (R,), halved where the system diverged, and the states
     (M, R, 2, n) after as many iterations as `marks` (M, R) say.
     """
-    starts = len(start) // len(lengths)
-    position = start.copy()
-    energy = np.empty(len(start))
-    iterations = np.empty(len(start), np.int64)
-    steps = np.full(len(start), step_s)
+    count = len(start)
+    out = (start.copy(), np.empty(count), np.empty(count, np.int64), np.full(count, step_s))
     states = np.empty((len(marks), *start.shape))
+    _all_springs(lengths, stiffness, damping, start, verlet, tolerance, limit, marks, *out, states)
+    return *out, states
+
+
+@nb.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
+def _all_springs(  # type: ignore[no-untyped-def]
+    lengths, stiffness, damping, start, verlet, tolerance, limit, marks, position, energy, iterations, steps, states
+):
+    starts = len(start) // len(lengths)
     for r in nb.prange(len(start)):
-        b, diverged = r // starts, True
-        while diverged and steps[r] > SMALLEST * step_s:
-            position[r] = start[r]
-            energy[r], iterations[r], diverged = _settle(
-                position[r], lengths[b], stiffness[b], damping[b], verlet, steps[r], tolerance, limit, marks[:, r],
-                states[:, r],
-            )  # fmt: skip
-            if diverged:
-                steps[r] /= 2
-    return position, energy, iterations, steps, states
+        b = r // starts
+        energy[r], iterations[r], steps[r] = _settle_at_some_step(
+            start[r], position[r], lengths[b], stiffness[b], damping[b], verlet, steps[r], tolerance, limit,
+            marks[:, r], states[:, r],
+        )  # fmt: skip
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _settle_at_some_step(  # type: ignore[no-untyped-def]
+    start, p, lengths, stiffness, damping, verlet, step, tolerance, limit, marks, states
+):
+    """Integrate one system in place, in half the time step as often as it diverges: its energy, iterations, and step."""
+    first, diverged, energy, iterations = step, True, 0.0, -1
+    while diverged and step > SMALLEST * first:
+        _copy(start, p)
+        energy, iterations, diverged = _settle(
+            p, lengths, stiffness, damping, verlet, step, tolerance, limit, marks, states
+        )
+        if diverged:
+            step /= 2
+    return energy, iterations, step
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -51,17 +68,22 @@ def _settle(p, lengths, stiffness, damping, verlet, step, tolerance, limit, mark
     A rotation of the whole does not count: dampers along the springs do not damp it, and eq. 4 excites it.
     """
     velocity, force, before = np.zeros_like(p), np.empty_like(p), np.empty_like(p)
-    slowest = tolerance * min(1.0, np.max(stiffness))  # springs far softer than their dampers creep
-    least_power = slowest * slowest * np.sum(damping)
+    stiffest, dampers = 0.0, 0.0
+    for i in range(p.shape[1]):
+        for j in range(p.shape[1]):
+            stiffest = max(stiffest, stiffness[i, j])
+            dampers += damping[i, j]
+    slowest = tolerance * min(1.0, stiffest)  # springs far softer than their dampers creep
+    least_power = slowest * slowest * dampers
     energy, power = _forces(p, velocity, lengths, stiffness, damping, force)
     released = RELEASED * energy
     for iteration in range(limit + 1):
         for m in range(len(marks)):
             if marks[m] == iteration:
-                states[m] = p
+                _copy(p, states[m])
         if iteration > 0:
             energy, power = _forces(p, velocity, lengths, stiffness, damping, force)
-            if not energy + 0.5 * np.sum(velocity * velocity) <= released:  # NaN counts as diverged
+            if not energy + 0.5 * _squared(velocity) <= released:  # NaN counts as diverged
                 return energy, -1, True
             if power <= least_power:
                 return energy, iteration, False
@@ -105,31 +127,46 @@ def _forces(p, velocity, lengths, stiffness, damping, force):  # type: ignore[no
     return 0.25 * energy, power
 
 
-@nb.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
 def majorise(lengths, weights, inverse, start, tolerance, limit, marks):  # type: ignore[no-untyped-def]
     """Lower the stress of points `start` (B, 2, n) by Guttman transforms; `inverse` (B, n, n) is of the weights' Laplacian.
 
     Answers positions (B, 2, n), iterations (B,), -1 where the stress still fell after `limit`, and the states
     (M, B, 2, n) after as many iterations as `marks` (M, B) say.
     """
-    position = start.copy()
-    iterations = np.full(len(start), -1, np.int64)
+    position, iterations = start.copy(), np.empty(len(start), np.int64)
     states = np.empty((len(marks), *start.shape))
-    for b in nb.prange(len(start)):
-        x, pulled = position[b], np.empty_like(start[b])
-        nothing = 1e-28 * np.sum(weights[b] * lengths[b] * lengths[b])
-        best = np.inf
-        for iteration in range(limit + 1):
-            for m in range(len(marks)):
-                if marks[m, b] == iteration:
-                    states[m, b] = x
-            stress = _pull(x, lengths[b], weights[b], pulled)
-            if stress >= (1 - tolerance) * best or stress <= nothing:
-                iterations[b] = iteration
-                break
-            best = stress
-            _product(pulled, inverse[b], x)
+    _majorise_all(lengths, weights, inverse, tolerance, limit, marks, position, iterations, states)
     return position, iterations, states
+
+
+@nb.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
+def _majorise_all(lengths, weights, inverse, tolerance, limit, marks, position, iterations, states):  # type: ignore[no-untyped-def]
+    for b in nb.prange(len(position)):
+        iterations[b] = _majorise_one(
+            position[b], lengths[b], weights[b], inverse[b], tolerance, limit, marks[:, b], states[:, b]
+        )
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _majorise_one(x, lengths, weights, inverse, tolerance, limit, marks, states):  # type: ignore[no-untyped-def]
+    """Lower the stress of points (2, n) in place; answer the iterations."""
+    pulled = np.empty_like(x)
+    nothing = 0.0
+    for i in range(x.shape[1]):
+        for j in range(x.shape[1]):
+            nothing += weights[i, j] * lengths[i, j] * lengths[i, j]
+    nothing *= 1e-28
+    best = np.inf
+    for iteration in range(limit + 1):
+        for m in range(len(marks)):
+            if marks[m] == iteration:
+                _copy(x, states[m])
+        stress = _pull(x, lengths, weights, pulled)
+        if stress >= (1 - tolerance) * best or stress <= nothing:
+            return iteration
+        best = stress
+        _product(pulled, inverse, x)
+    return -1
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=ANY_ORDER)
@@ -162,3 +199,19 @@ def _product(points, matrix, out):  # type: ignore[no-untyped-def]
             py += matrix[i, j] * points[1, j]
         out[0, i] = px
         out[1, i] = py
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _copy(points, out):  # type: ignore[no-untyped-def]
+    for axis in range(2):
+        for i in range(points.shape[1]):
+            out[axis, i] = points[axis, i]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _squared(vectors):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for axis in range(2):
+        for i in range(vectors.shape[1]):
+            total += vectors[axis, i] * vectors[axis, i]
+    return total
