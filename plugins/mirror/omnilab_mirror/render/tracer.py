@@ -343,6 +343,35 @@ def measure(
             out[v, u] = 1 / lanes[BEST + r] if lanes[HIT + r] >= 0 else math.inf
 
 
+@compiled
+def trace_row(
+    rays: Array, starts: Array | None, blocks: Cones, tiles: Cones, view: View, i: int, bv: int, atlas: Atlas | None,
+    out: Array,
+) -> None:  # fmt: skip
+    """Fill a row of blocks in image i, or without an atlas its depths."""
+    height, width = rays.shape[:2]
+    planes, reach, all_rows, density = view.planes[i], view.reach[i], view.rows[i], view.density[i]
+    quads, columns = all_rows.shape
+    everything, some, few = np.arange(quads), np.empty(quads, np.int64), np.empty(quads, np.int64)
+    limit, rows, lanes = np.empty(quads), np.empty((quads, columns)), np.empty(LANES * 11)
+    for bu in range(blocks.axis.shape[1]):
+        axis, spread, around = blocks.axis[bv, bu], blocks.spread[bv, bu], blocks.around[bv, bu]
+        number = cull(axis, spread, around, planes, reach, everything, quads, some, limit)
+        for v in range(bv * BLOCK, min(bv * BLOCK + BLOCK, height), TILE):
+            for u in range(bu * BLOCK, min(bu * BLOCK + BLOCK, width), TILE):
+                tv, tu = v // TILE, u // TILE
+                axis, spread, around = tiles.axis[tv, tu], tiles.spread[tv, tu], tiles.around[tv, tu]
+                count = cull(axis, spread, around, planes, reach, some, number, few, limit)
+                for k in range(count):
+                    for c in range(columns):  # assigning a row takes seconds to compile
+                        rows[k, c] = all_rows[few[k], c]
+                tile = v, min(v + TILE, height), u, min(u + TILE, width)
+                if atlas is None:
+                    measure(rays, starts, tile, rows, limit, count, lanes, out)
+                else:
+                    shade(rays, starts, tile, rows, limit, few, count, density, view.turn[i], atlas, lanes, out)
+
+
 @compiled_parallel
 def trace(
     rays: Array, starts: Array | None, blocks: Cones, tiles: Cones, view: View, atlas: Atlas | None, out: Array
@@ -351,50 +380,7 @@ def trace(
 
     Each pixel is computed alone, so the number of threads changes nothing.
     """
-    height, width = rays.shape[:2]
-    blocks_v, blocks_u = blocks.axis.shape[:2]
-    quads = view.reach.shape[1]
+    blocks_v = len(blocks.axis)
     for job in numba.prange(len(out) * blocks_v):
         i, bv = job // blocks_v, job % blocks_v
-        planes, reach, all_rows, density = view.planes[i], view.reach[i], view.rows[i], view.density[i]
-        everything = np.arange(quads)
-        some, few, limit, rows, lanes = (
-            np.empty(quads, np.int64),
-            np.empty(quads, np.int64),
-            np.empty(quads),
-            np.empty((quads, all_rows.shape[1])),
-            np.empty(LANES * 11),
-        )
-        for bu in range(blocks_u):
-            number = cull(
-                blocks.axis[bv, bu],
-                blocks.spread[bv, bu],
-                blocks.around[bv, bu],
-                planes,
-                reach,
-                everything,
-                quads,
-                some,
-                limit,
-            )
-            for v in range(bv * BLOCK, min(bv * BLOCK + BLOCK, height), TILE):
-                for u in range(bu * BLOCK, min(bu * BLOCK + BLOCK, width), TILE):
-                    tv, tu = v // TILE, u // TILE
-                    count = cull(
-                        tiles.axis[tv, tu],
-                        tiles.spread[tv, tu],
-                        tiles.around[tv, tu],
-                        planes,
-                        reach,
-                        some,
-                        number,
-                        few,
-                        limit,
-                    )
-                    for k in range(count):
-                        rows[k] = all_rows[few[k]]
-                    tile = v, min(v + TILE, height), u, min(u + TILE, width)
-                    if atlas is None:
-                        measure(rays, starts, tile, rows, limit, count, lanes, out[i])
-                    else:
-                        shade(rays, starts, tile, rows, limit, few, count, density, view.turn[i], atlas, lanes, out[i])
+        trace_row(rays, starts, blocks, tiles, view, i, bv, atlas, out[i])
