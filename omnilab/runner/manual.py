@@ -5,10 +5,10 @@ from __future__ import annotations
 import ast
 import inspect
 import math
-import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, asdict, fields, is_dataclass
 from enum import Enum
+from functools import lru_cache
 from types import UnionType
 from typing import Any, get_origin, get_type_hints
 
@@ -18,6 +18,8 @@ NUMBERS = {int, float, Any}  # types of settings that may be numbers
 UNITS = {  # by the end of a setting's name
     "m": "m", "mm": "mm", "deg": "deg", "rad": "rad", "px": "px", "s": "s", "ms": "ms", "ns": "ns", "gb": "GB", "hz": "Hz",
 }  # fmt: skip
+
+Written = tuple[ast.AnnAssign, str]  # a declaration, and the comment behind it
 
 
 def settings_of(cls: type[Any]) -> list[str]:
@@ -76,15 +78,40 @@ def _plain(value: Any) -> Any:
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _source(cls: type[Any]) -> Mapping[str, tuple[ast.AnnAssign, str]]:
+def _source(cls: type[Any]) -> Mapping[str, Written]:
     """Of each setting, where it is declared in the source, and the comment behind it."""
     names = {field.name for field in fields(cls)}
-    found: dict[str, tuple[ast.AnnAssign, str]] = {}
+    found: dict[str, Written] = {}
     for owner in (c for c in reversed(cls.__mro__) if "__dataclass_fields__" in vars(c)):
-        source = textwrap.dedent(inspect.getsource(owner))
-        for node in ast.parse(source).body[0].body:  # type: ignore[attr-defined]
-            if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) and node.target.id in names:
-                found[node.target.id] = node, _comment(node, source.splitlines())
+        lines, _ = inspect.findsource(inspect.getmodule(owner))  # type: ignore[arg-type]  # None raises TypeError
+        declared = _declared("".join(lines)).get(owner.__qualname__)
+        if declared is None:
+            raise OSError(f"the source of {owner.__qualname__} is not in its module")
+        found |= {name: written for name, written in declared.items() if name in names}
+    return found
+
+
+@lru_cache(maxsize=256)
+def _declared(source: str) -> Mapping[str, Mapping[str, Written]]:
+    """Of each class in a module's source, by its qualified name: what is declared in it, with the comment behind it."""
+    lines, found = source.split("\n"), dict[str, dict[str, Written]]()
+
+    def look_in(node: ast.AST, within: str) -> None:
+        for inner in ast.iter_child_nodes(node):
+            if isinstance(inner, ast.ClassDef):
+                declared = (each for each in inner.body if isinstance(each, ast.AnnAssign))
+                found[within + inner.name] = {
+                    each.target.id: (each, _comment(each, lines))
+                    for each in declared
+                    if isinstance(each.target, ast.Name)
+                }
+                look_in(inner, f"{within}{inner.name}.")
+            elif isinstance(inner, ast.FunctionDef | ast.AsyncFunctionDef):
+                look_in(inner, f"{within}{inner.name}.<locals>.")
+            elif isinstance(inner, ast.stmt | ast.ExceptHandler | ast.match_case):
+                look_in(inner, within)
+
+    look_in(ast.parse(source), "")
     return found
 
 

@@ -57,7 +57,7 @@ def test_the_library_example_runs(tmp_path, monkeypatch, capsys, request):
 
 
 def test_every_virtual_camera_and_world_has_its_picture():
-    from omnilab_mirror.scene.load import shipped
+    from omnilab_mirror.scene.shipped import shipped
     from omnilab_mirror.sensors.virtual import VirtualCamera
 
     registry = discover("")

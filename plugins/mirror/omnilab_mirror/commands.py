@@ -53,7 +53,8 @@ def world_command(argv: list[str]) -> int:
 
 
 def _list() -> int:
-    from omnilab_mirror.scene.load import load_world, shipped
+    from omnilab_mirror.scene.load import load_world
+    from omnilab_mirror.scene.shipped import shipped
 
     for name, file in shipped().items():
         _say(f"{name}: {', '.join(load_world(name).variants) or 'no variants'}  ({file})")

@@ -18,9 +18,10 @@ from omnilab_mirror import Mirror
 from omnilab_mirror.lint import warnings_of
 from omnilab_mirror.render.free_space import obstacles
 from omnilab_mirror.render.prepared_world import baked_pictures
-from omnilab_mirror.scene.load import load_world, shipped
+from omnilab_mirror.scene.load import load_world
 from omnilab_mirror.scene.objects import OBJECTS
 from omnilab_mirror.scene.paths import Route
+from omnilab_mirror.scene.shipped import shipped
 from omnilab_mirror.scene.textures.procedural import TEXTURES
 from omnilab_mirror.scene.world_yaml import Section
 

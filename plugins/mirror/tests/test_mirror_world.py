@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from omnilab.errors import ConfigError, DataError, OmnilabError
 from omnilab_mirror.render.prepared_world import baked_pictures
-from omnilab_mirror.scene.load import load_world, shipped
+from omnilab_mirror.scene.load import load_world
 from omnilab_mirror.scene.objects import OBJECTS
+from omnilab_mirror.scene.shipped import shipped
 from omnilab_mirror.scene.textures.procedural import TEXTURES
 
 SQUARE = "[[-1, 1, 0], [1, 1, 0], [1, 1, 1], [-1, 1, 1]]"

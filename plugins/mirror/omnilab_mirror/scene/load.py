@@ -6,7 +6,6 @@ import hashlib
 import os
 from collections.abc import Callable
 from functools import lru_cache
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -14,13 +13,13 @@ import numpy as np
 
 from omnilab.errors import ConfigError, DataError
 from omnilab.file_kinds import content_of, is_file
-from omnilab.shipped_worlds import shipped_worlds
 from omnilab_mirror.scene.file_stamps import Stamp, stamp_of, stamps_of
 from omnilab_mirror.scene.light import Illumination, light
 from omnilab_mirror.scene.meshes.hints import unit_of_areas
 from omnilab_mirror.scene.model import Model
 from omnilab_mirror.scene.objects import add_object
 from omnilab_mirror.scene.paths import route
+from omnilab_mirror.scene.shipped import shipped
 from omnilab_mirror.scene.textures.canvas import Paint
 from omnilab_mirror.scene.textures.images import MAX_IMAGE_BYTES, images_of
 from omnilab_mirror.scene.textures.procedural import paint, sky_of
@@ -32,12 +31,6 @@ MAX_TEXELS = 40_000_000
 MESH_FILES = (".obj", ".glb", ".ply", ".gltf", ".stl", ".off", ".dae", ".fbx", ".usd", ".usdz", ".blend", ".3ds")
 GREY = Paint(lambda canvas: canvas.filled([128.0, 128.0, 128.0]))  # stands for a texture that cannot be read
 T = TypeVar("T")
-
-
-def shipped() -> dict[str, Path]:
-    """The files of the worlds that come with this plugin, then those of others, by name."""
-    found = (Path(str(file)) for file in (files("omnilab_mirror") / "worlds").iterdir())
-    return {file.stem: file for file in sorted(found) if file.suffix == ".yaml"} | shipped_worlds()
 
 
 def load_world(world: str, variant: str | None = None, up: str | None = None, scale: float = 1.0) -> World:

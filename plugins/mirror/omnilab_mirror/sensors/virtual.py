@@ -114,7 +114,7 @@ class VirtualCamera(ABC):
     @classmethod
     def shipped_worlds(cls) -> list[str]:
         """The names that `world` takes beside files."""
-        from omnilab_mirror.scene.load import shipped
+        from omnilab_mirror.scene.shipped import shipped
 
         return list(shipped())
 
