@@ -20,6 +20,8 @@ from omnilab_serve.security.links import outward_link, sentence
 from omnilab_serve.settings import ServeSettings
 from omnilab_serve.sweeps import WatchedSweeps
 
+PAINTER_IDLE_S = 20.0  # pictures are drawn once for each version
+
 
 class NotThereError(DataError):
     """Nothing is there, or nothing that is shown."""
@@ -35,6 +37,7 @@ class Service:
         self.watched = WatchedSweeps()
         self.index = RunIndex(settings.logs, self.events)
         self.composer = Composer(settings)
+        self.painter = Composer(settings, idle_s=PAINTER_IDLE_S)  # no form waits until all worlds are drawn
         self.queue = RunQueue(settings, self.events, self.composer)
 
     def start(self) -> None:
@@ -46,6 +49,7 @@ class Service:
         """End what was started; what runs goes on."""
         self.queue.stop()
         self.composer.stop()
+        self.painter.stop()
         self.index.stop()
 
     def folder(self, path: str) -> Path:

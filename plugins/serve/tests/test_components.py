@@ -1,5 +1,8 @@
 """What is installed, as pages and as data."""
 
+import sys
+import threading
+
 import cv2
 import numpy as np
 import pytest
@@ -12,8 +15,15 @@ pytestmark = pytest.mark.slow  # each waits for a process that imports the plugi
 BROKEN = "raise ImportError('no module named <script>alert(1)</script>')\n"
 
 
-def test_components_are_found_by_their_words(serve, tab):
-    tab.goto(serve().url + "/components")
+@pytest.fixture
+def tab(tab):
+    """Without the pictures of worlds, which take seconds each to draw: they have a test of their own."""
+    tab.route("**/*.png", lambda route: route.abort())
+    return tab
+
+
+def test_components_are_found_by_their_words(served_once, tab):
+    tab.goto(served_once.url + "/components")
     shown = tab.locator(".pick:visible")
     assert shown.count() > 90
     tab.locator("[data-filter]").fill("radon_hog")
@@ -26,8 +36,8 @@ def test_components_are_found_by_their_words(serve, tab):
     assert "a whole number from 4 to 4096" in row.inner_text()
 
 
-def test_what_uses_a_component_fills_the_form(serve, tab):
-    tab.goto(serve().url + "/components/descriptor/hog")
+def test_what_uses_a_component_fills_the_form(served_once, tab):
+    tab.goto(served_once.url + "/components/descriptor/hog")
     assert tab.locator(".copyable code").inner_text() == "descriptor=hog"
     tab.get_by_text("Try it in the quickstart").click()
     tab.wait_for_selector("#command")
@@ -48,8 +58,8 @@ def test_plugins_that_failed_come_first_and_are_no_markup(serve, tab, tmp_path, 
     assert "ImportError" in failure["traceback"]
 
 
-def test_the_client_knows_recipes_components_and_what_the_builder_says(serve):
-    client = Client(serve().url)
+def test_the_client_knows_recipes_components_and_what_the_builder_says(served_once):
+    client = Client(served_once.url)
     assert "quickstart" in [recipe.name for recipe in client.recipes()]
     radon = next(each for each in client.components() if (each.kind, each.name) == ("descriptor", "radon"))
     assert [setting["name"] for setting in radon.settings] == ["offsets", "angles", "color"]
@@ -61,8 +71,8 @@ def test_the_client_knows_recipes_components_and_what_the_builder_says(serve):
         client.check(SubmissionRequest(["experiment=quickstart", "study.step_m=0"]))
 
 
-def test_the_api_names_the_field_that_a_sentence_is_about(serve):
-    api = serve().client
+def test_the_api_names_the_field_that_a_sentence_is_about(served_once):
+    api = served_once.client
     answer = api.post("/api/check", json={"overrides": ["experiment=quickstart", "descriptor=hogg"]})
     assert answer.status_code == 422
     assert answer.json()["field"] == "descriptor"
@@ -81,20 +91,36 @@ def test_worlds_are_drawn_once_by_each_camera(serve, tab, tmp_path, monkeypatch)
     assert tab.locator("figcaption").all_inner_texts() == [
         f"sensor.world={world}" for world in ("corridor", "office", "plain", "room", "square", "storey")
     ]
+    address = tab.get_by_alt_text("room as mirror sees it").get_attribute("src")
     served.client.timeout = 120
-    first = served.client.get("/components/sensor/mirror/room.png")
+    first = served.client.get(address)
     assert first.headers["content-type"] == "image/png"
     image = cv2.imdecode(np.frombuffer(first.content, np.uint8), cv2.IMREAD_COLOR)
     assert image.shape == (250, 250, 3)
     assert image.std() > 20
-    drawn = {file: file.stat().st_mtime_ns for file in (tmp_path / "cache/omnilab/pictures").iterdir()}
-    assert served.client.get("/components/sensor/mirror/room.png").content == first.content
-    served.app.state.service.composer.stop()
-    assert served.client.get("/components/sensor/mirror/room.png").content == first.content
-    assert all(file.stat().st_mtime_ns == drawn[file] for file in drawn)
+    (file,) = (tmp_path / "cache/omnilab/pictures").iterdir()
+    drawn_ns = file.stat().st_mtime_ns
+    assert served.client.get(address).content == first.content
+    served.app.state.service.painter.rest()
+    assert served.client.get(address).content == first.content
+    assert file.stat().st_mtime_ns == drawn_ns
 
 
-def test_there_are_pictures_of_shipped_worlds_alone(serve):
-    client = serve().client
+def test_neither_a_form_nor_the_end_waits_for_pictures(serve):
+    served = serve()
+    painter = served.app.state.service.painter
+    painter._command = (sys.executable, "-c", "import time; time.sleep(1000)")
+    picture = threading.Thread(target=served.client.get, args=("/components/sensor/mirror/room.png",))
+    picture.start()
+    while painter.pid is None:
+        picture.join(0.02)
+    assert served.client.get("/new?experiment=quickstart").status_code == 200
+    assert picture.is_alive()
+    painter.stop()
+    picture.join()
+
+
+def test_there_are_pictures_of_shipped_worlds_alone(served_once):
+    client = served_once.client
     for where in ("mirror/nonsense", "folder/room", "mirror/..%2f..%2fetc", "mirror/%2fetc%2fpasswd"):
         assert client.get(f"/components/sensor/{where}.png").status_code == 404

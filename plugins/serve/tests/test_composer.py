@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -90,6 +91,19 @@ def test_one_that_hangs_is_ended_in_time_and_that_is_said(composer):
         echo.check(["hang"], "basic")
     assert not is_running(pid)
     assert echo.check(["next"], "basic") == ["next"]
+
+
+def test_it_ends_with_the_service_whatever_it_does(composer):
+    echo = composer(sys.executable, "-c", ECHO)
+    with ThreadPoolExecutor(2) as threads:
+        waiting = [threads.submit(echo.check, ["hang"], "basic") for _ in range(2)]  # the second for the first
+        wait_until(lambda: echo.pid is not None)
+        pid = echo.pid
+        echo.stop()
+        for each in waiting:
+            with pytest.raises(ComposerError, match="the service is ending"):
+                each.result()
+    assert not is_running(pid)
 
 
 def test_it_ends_when_nobody_asks(composer):

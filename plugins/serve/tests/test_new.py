@@ -144,9 +144,8 @@ def test_it_starts_from_the_overrides_of_a_run(serve, tab, finished_runs):
     assert setting(tab, "sensor.size").input_value() == "64"
 
 
-def test_start_puts_it_into_the_queue(serve, tab, monkeypatch):
-    served = serve()
-    asked = []
+def test_start_puts_it_into_the_queue(served_once, tab, monkeypatch):
+    served, asked = served_once, []
 
     def submit(request):
         asked.append(request)
@@ -187,8 +186,8 @@ def test_a_composer_that_dies_is_said_and_the_next_request_has_another(serve):
     assert served.client.get("/new?experiment=quickstart").status_code == 200
 
 
-def test_no_recipe_of_another_name_is_opened(serve):
-    client = serve().client
+def test_no_recipe_of_another_name_is_opened(served_once):
+    client = served_once.client
     assert client.get("/new?experiment=../config").status_code == 404
     for where in ("/parts/new/check", "/new", "/parts/new/slot"):
         answer = client.post(where, data={"experiment": "../config", "slot": "sensor"})

@@ -20,6 +20,7 @@ COMMAND = (sys.executable, "-m", "omnilab_serve.composing.worker")
 LIMIT_S = 60.0  # for an answer; importing all plugins on a busy machine takes some seconds of it
 MOST_KNOWN = 200  # answers
 IDLE_S = 300.0  # after which nobody is expected to ask again soon
+ENDING = "the service is ending, and composes nothing more"
 
 
 class SettingError(ConfigError):
@@ -50,6 +51,7 @@ class Composer:
         self._rest = b""  # of what was read, behind the last answer
         self._known: dict[str, Any] = {}  # answers that are the same for as long as the process lives
         self._timer: threading.Timer | None = None
+        self._stopping = False
 
     @property
     def pid(self) -> int | None:
@@ -75,7 +77,14 @@ class Composer:
         return Path(self._constant("picture", name=sensor, world=world))
 
     def stop(self) -> None:
-        """End the process, if there is one."""
+        """End the process, if there is one, whatever it does, for good: who waits for an answer has a ComposerError."""
+        self._stopping = True
+        if (process := self._process) is not None:
+            process.kill()
+        self.rest()
+
+    def rest(self) -> None:
+        """End the process once it has answered; the next request has another."""
         with self._lock:
             self._end()
 
@@ -104,6 +113,9 @@ class Composer:
 
     def _answer(self, line: bytes) -> dict[str, Any]:
         process = self._started()
+        if self._stopping:  # after it was started, or stop() would not know of it
+            self._end()
+            raise ComposerError(ENDING)
         assert process.stdin is not None
         try:
             process.stdin.write(line)
@@ -117,6 +129,8 @@ class Composer:
             ) from None
         except (OSError, EOFError, ValueError) as error:
             self._end()
+            if self._stopping:
+                raise ComposerError(ENDING) from error
             raise ComposerError(
                 f"the process that composes experiments died over this (exit status {process.returncode}); another takes its"
                 " place, so change something before you ask again"
@@ -149,7 +163,7 @@ class Composer:
     def _restart_timer(self) -> None:
         if self._timer:
             self._timer.cancel()
-        self._timer = threading.Timer(self._idle_s, self.stop)
+        self._timer = threading.Timer(self._idle_s, self.rest)
         self._timer.daemon = True
         self._timer.start()
 

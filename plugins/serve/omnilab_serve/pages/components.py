@@ -36,7 +36,7 @@ def component(request: Request, service: Here, kind: str, name: str) -> HTMLResp
 def picture(service: Here, name: str, world: str) -> Response:
     """What a sensor sees of a world, small; drawn when it is first asked for."""
     try:
-        content = service.composer.picture(name, world).read_bytes()
+        content = service.painter.picture(name, world).read_bytes()
     except (OSError, SettingError) as error:
         raise NotThereError(f"there is no picture of {world} by {name} ({error})") from error
     return Response(content, media_type="image/png", headers={"Cache-Control": "private, max-age=86400"})

@@ -114,8 +114,8 @@ def test_comparisons_and_reports_are_those_of_the_commands(serve, finished_runs,
 
 
 @pytest.mark.slow
-def test_what_is_installed_is_that_of_here(serve):
-    client = Client(serve().url)
+def test_what_is_installed_is_that_of_here(served_once):
+    client = Client(served_once.url)
     registry = discover("")
     found = client.components()
     assert {(one.kind, one.name) for one in found} == {(c.kind, c.name) for c in registry.components.values()}
@@ -127,8 +127,8 @@ def test_what_is_installed_is_that_of_here(serve):
 
 
 @pytest.mark.slow
-def test_a_request_is_checked_in_the_builders_words(serve):
-    client = Client(serve().url)
+def test_a_request_is_checked_in_the_builders_words(served_once):
+    client = Client(served_once.url)
     found = client.check(SubmissionRequest(["experiment=quickstart", "seed=1,2"]))
     assert (found.experiment, found.jobs, found.swept) == ("quickstart", 2, {"seed": ["1", "2"]})
     with pytest.raises(ConfigError, match=r"descriptor.angles"):
@@ -138,8 +138,8 @@ def test_a_request_is_checked_in_the_builders_words(serve):
 
 
 @pytest.mark.slow
-def test_a_run_is_submitted_waited_for_and_exits_as_it_did(serve, capsys):
-    served = serve()
+def test_a_run_is_submitted_waited_for_and_exits_as_it_did(served_once, capsys):
+    served = served_once
     client = Client(served.url)
     assert called("submit", *RUN, "--server", served.url, "--wait", "seed=1") == 0
     printed = capsys.readouterr()
