@@ -95,6 +95,25 @@ def floor_share(picture: bytes) -> float:
     return float(np.mean((red > 1.15 * green) & (green > 1.2 * blue) & (red > 80)))
 
 
+@pytest.fixture
+def tab(tab):
+    """A small one: each pixel of the viewer is drawn without a graphics card."""
+    tab.set_viewport_size({"width": 700, "height": 450})
+    return tab
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp("unpacked")
+
+
+@pytest.fixture
+def serve_unpacked(serve, cache, monkeypatch):
+    """Services that find the viewer as the first of them has unpacked it."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
+    return serve
+
+
 def seen(tab) -> float:
     """The share of the floor in what the viewer shows, once there is some."""
     tab.locator("#viewer-state").wait_for(state="hidden", timeout=120_000)
@@ -104,9 +123,9 @@ def seen(tab) -> float:
 
 
 @pytest.mark.slow  # a browser that draws without a graphics card
-def test_a_browser_shows_the_room_and_asks_no_other_host(serve, tab, finished_runs):
+def test_a_browser_shows_the_room_and_asks_no_other_host(serve_unpacked, tab, finished_runs):
     """Of a service that wants its token, by the cookie that the login page gives."""
-    served = serve(logs=finished_runs, token="a token of the tests")
+    served = serve_unpacked(logs=finished_runs, token="a token of the tests")
     access = Access("a token of the tests", served.settings.port)
     tab.context.add_cookies([{"name": access.cookie_name, "value": access.cookie_value, "url": served.url}])
     asked, refused = [], []
@@ -129,14 +148,16 @@ def test_a_browser_shows_the_room_and_asks_no_other_host(serve, tab, finished_ru
 
 
 @pytest.mark.slow  # as above
-def test_the_room_is_seen_while_the_run_goes_on_and_after_it_was_killed(serve, tab, finished_runs, tmp_path, runs_on):
+def test_the_room_is_seen_while_the_run_goes_on_and_after_it_was_killed(
+    serve_unpacked, tab, finished_runs, tmp_path, runs_on
+):
     """The recording ends within a message, as one that is being written, or was left by a kill."""
     run = tmp_path / "logs" / "grid" / "a"
     run.mkdir(parents=True)
     whole = next(finished_runs.glob("quickstart/*/run.rrd")).read_bytes()
     (run / "run.rrd").write_bytes(whole[: len(whole) * 2 // 3])
     process = runs_on(run)
-    tab.goto(f"{serve().url}/viewer/grid/a")
+    tab.goto(f"{serve_unpacked().url}/viewer/grid/a")
     seen(tab)
     assert is_open(run / "run.rrd")
     process.kill()
@@ -148,8 +169,8 @@ def test_the_room_is_seen_while_the_run_goes_on_and_after_it_was_killed(serve, t
 
 
 @pytest.mark.slow  # it is unpacked
-def test_files_of_the_viewer_are_kept_by_browsers_and_are_of_this_version_alone(serve):
-    served = serve()
+def test_files_of_the_viewer_are_kept_by_browsers_and_are_of_this_version_alone(serve_unpacked):
+    served = serve_unpacked()
     version = WebViewer().version
     for name, begins in NAMES.items():
         answer = served.client.get(f"/viewer-files/{version}/{name}")
