@@ -1,7 +1,6 @@
 """What is installed, as pages and as data."""
 
 import sys
-import threading
 
 import cv2
 import numpy as np
@@ -88,6 +87,7 @@ def test_worlds_are_drawn_once_by_each_camera(serve, tab, tmp_path, monkeypatch)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     served = serve()
     tab.goto(served.url + "/components/sensor/mirror")
+    tab.wait_for_function("document.querySelectorAll('img[data-drawn]').length === 0")  # one after the other
     assert tab.locator("figcaption").all_inner_texts() == [
         f"sensor.world={world}" for world in ("corridor", "office", "plain", "room", "square", "storey")
     ]
@@ -106,18 +106,19 @@ def test_worlds_are_drawn_once_by_each_camera(serve, tab, tmp_path, monkeypatch)
     assert file.stat().st_mtime_ns == drawn_ns
 
 
-def test_neither_a_form_nor_the_end_waits_for_pictures(serve):
+def test_neither_pages_nor_the_end_wait_for_pictures(serve, tab):
     served = serve()
     painter = served.app.state.service.painter
     painter._command = (sys.executable, "-c", "import time; time.sleep(1000)")
-    picture = threading.Thread(target=served.client.get, args=("/components/sensor/mirror/room.png",))
-    picture.start()
+    tab.unroute("**/*.png")
+    with tab.expect_request("**/*.png"):
+        tab.goto(served.url + "/components", wait_until="commit")
     while painter.pid is None:
-        picture.join(0.02)
-    assert served.client.get("/new?experiment=quickstart").status_code == 200
-    assert picture.is_alive()
-    painter.stop()
-    picture.join()
+        tab.wait_for_timeout(20)
+    tab.goto(served.url + "/new?experiment=quickstart")
+    assert painter.pid is not None
+    served.stop()
+    assert not served.thread.is_alive()
 
 
 def test_there_are_pictures_of_shipped_worlds_alone(served_once):

@@ -18,7 +18,10 @@ from omnilab.runner.sweeps import load_sweep
 from omnilab_serve.sweeps import WatchedSweeps
 from omnilab_serve.sweeps.grid import failures, job_grid, sorted_jobs
 
-RUN = ["experiment=quickstart", "study.step_m=1.0", "sensor.size=64", "cache=off"]
+RUN = [
+    "experiment=quickstart", "study.query_count=6", "study.step_m=1.0", "sensor.size=64", "sensor.samples=1", "descriptor=hog",
+    "~sinks.rerun", "~sinks.mcap", "cache=off",
+]  # fmt: skip
 
 
 def job(number, state="done", error=None, seconds=None, **settings):
@@ -136,15 +139,15 @@ def test_a_killed_sweep_shows_its_states_and_goes_on(serve, tab, tmp_path, monke
     monkeypatch.chdir(tmp_path)  # a sweep goes on from where it was begun
     logs = tmp_path / "logs"
     served = serve(logs=logs)
-    words = ["-m", *RUN, "study.query_count=60", "descriptor=hog", "seed=1,2"]
     leader = subprocess.Popen(
-        [sys.executable, "-m", "omnilab", *words], start_new_session=True, stdout=subprocess.DEVNULL,
+        [sys.executable, "-m", "omnilab", "-m", *RUN, "seed=1,2"], start_new_session=True, stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )  # fmt: skip
     try:
         while not (found := list(logs.glob("quickstart/*/1/progress.json"))):
             assert leader.poll() is None
-            time.sleep(0.1)
+            time.sleep(0.02)
+        os.killpg(leader.pid, signal.SIGSTOP)  # it goes on for as long as is looked at
         folder = found[0].parent.parent
         tab.goto(f"{served.url}/sweeps/{folder.relative_to(logs).as_posix()}")
         tab.locator("#grid .job.running").wait_for(timeout=30_000)

@@ -14,7 +14,10 @@ from omnilab.runner.registry import discover
 from omnilab.runner.run_folder import find_runs
 
 TOKEN = "a-token-of-the-tests"
-RUN = ["experiment=quickstart", "study.query_count=6", "study.step_m=1.0", "sensor.size=64", "cache=off"]
+RUN = [
+    "experiment=quickstart", "study.query_count=6", "study.step_m=1.0", "sensor.size=64", "sensor.samples=1", "~sinks.rerun",
+    "~sinks.mcap", "cache=off",
+]  # fmt: skip
 
 
 def called(*words: str) -> object:
