@@ -8,4 +8,4 @@ function drawNext() {
   picture.src = picture.dataset.drawn;
   delete picture.dataset.drawn;
 }
-drawNext();
+addEventListener("load", drawNext); // the page is complete without them
