@@ -5,6 +5,7 @@ import sys
 import cv2
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 
 from omnilab.client import Client, SubmissionRequest
 from omnilab.errors import OmnilabError
@@ -87,7 +88,7 @@ def test_worlds_are_drawn_once_by_each_camera(serve, tab, tmp_path, monkeypatch)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     served = serve()
     tab.goto(served.url + "/components/sensor/mirror")
-    tab.wait_for_function("document.querySelectorAll('img[data-drawn]').length === 0")  # one after the other
+    expect(tab.locator("img[data-drawn]")).to_have_count(0)  # they are asked for, one after the other
     assert tab.locator("figcaption").all_inner_texts() == [
         f"sensor.world={world}" for world in ("corridor", "office", "plain", "room", "square", "storey")
     ]
