@@ -15,6 +15,11 @@ def compiled(function: F) -> F:
     return cast("F", numba.njit(cache=True, nogil=True, error_model="numpy")(function))
 
 
+def inlined(function: F) -> F:
+    """The same, as part of each function that calls it, for where a call would take long."""
+    return cast("F", numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=True)(function))
+
+
 def compiled_parallel(function: F) -> F:
     """The same, with `prange` over all of numba's threads."""
     return cast("F", numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)(function))

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from omnilab_mirror.compiled import compiled
+from omnilab_mirror.compiled import compiled, inlined
 from omnilab_mirror.scene.meshes.obj_faces import HIGHEST
 
 Array = npt.NDArray[Any]
@@ -36,7 +36,7 @@ def scanned(text: bytes, vertices: int, places: int) -> Scan | None:
     numbers, late = (np.empty((lines, 6)), np.empty((lines, 2))), np.empty((6 * lines, 5), np.int64)
     of_corners = np.empty(corners, np.int32), np.empty(corners, np.int32)
     of_lines = np.empty(lines, np.int32), np.empty(lines, np.int32), np.empty((lines, 2), np.int64)
-    found = scan(cells, (vertices, places), numbers, late, of_corners, of_lines, POWERS, WORDS)
+    found = scan(cells, (vertices, places), numbers, late, of_corners, of_lines)
     if found[0] < 0:
         return None
     width, rows, at, faces, ends, others, slow = found
@@ -49,7 +49,7 @@ def scanned(text: bytes, vertices: int, places: int) -> Scan | None:
 
 
 @compiled
-def decimal(text: Array, i: int, powers: Array) -> tuple[float, int, bool]:
+def decimal(text: Array, i: int) -> tuple[float, int, bool]:
     """The number that begins at i, where it ends (-1: it is none), and whether it is exact, correctly rounded."""
     negative = text[i] == 45
     i += text[i] in (43, 45)
@@ -80,7 +80,7 @@ def decimal(text: Array, i: int, powers: Array) -> tuple[float, int, bool]:
     exact &= -22 <= exponent <= 22
     if not exact:
         return 0.0, i, False
-    number = value * powers[exponent] if exponent >= 0 else value / powers[-exponent]
+    number = value * POWERS[exponent] if exponent >= 0 else value / POWERS[-exponent]
     return -number if negative else number, i, True
 
 
@@ -112,6 +112,61 @@ def corner(text: Array, i: int, known: tuple[int, int]) -> tuple[int, int, int]:
     return 0, 0, -1
 
 
+@inlined
+def scan_face(
+    text: Array, i: int, known: tuple[int, int], of_corners: tuple[Array, Array], ends: int
+) -> tuple[int, int]:
+    """Add the corners of the face from i on, of which there are `ends`; where its line ends (-1: it is odd), and how many there are."""
+    vertex, place = of_corners
+    while text[i] != 10:
+        if text[i] == 32:
+            i += 1
+            continue
+        vertex[ends], place[ends], i = corner(text, i, known)
+        if i < 0:
+            break
+        ends += 1
+    return i, ends
+
+
+@inlined
+def scan_numbers(text: Array, i: int, kind: int, row: int, out: Array, late: Array, slow: int) -> tuple[int, int, int]:
+    """Fill a row of `out` (n, K) with the numbers from i on; where their line ends (-1: it is odd), how many there are, and `slow`.
+
+    A texture coordinate (kind 1) may have a third, which is not kept.
+    """
+    found, kept = 0, out.shape[1]
+    while text[i] != 10:
+        if text[i] == 32:
+            i += 1
+            continue
+        at = i
+        value, i, exact = decimal(text, at)
+        if i < 0 or found == kept + kind:
+            return -1, found, slow
+        if found < kept:
+            out[row, found] = value
+            if not exact:
+                if slow == len(late):
+                    return -1, found, slow
+                late[slow, 0], late[slow, 1], late[slow, 2], late[slow, 3], late[slow, 4] = kind, row, found, at, i
+                slow += 1
+        found += 1
+    return i, found, slow
+
+
+@inlined
+def scan_other(text: Array, start: int) -> tuple[int, bool]:
+    """Where a line that is neither of a face nor of numbers ends (-1: it is odd), and whether it means something."""
+    i = start
+    while text[i] != 10:
+        i += 1
+    normal = text[start] == 118 and text[start + 1] == 110 and text[start + 2] == 32  # vn
+    if (i > start and text[i - 1] == 92) or (WORDS[text[start]] and not normal):  # a line that goes on, or is odd
+        return -1, False
+    return i, not normal and text[start] not in (10, 35)  # neither empty nor a comment
+
+
 @compiled
 def scan(
     text: Array,
@@ -120,75 +175,35 @@ def scan(
     late: Array,
     of_corners: tuple[Array, Array],
     of_lines: tuple[Array, Array, Array],
-    powers: Array,
-    words: Array,
 ) -> tuple[int, int, int, int, int, int, int]:
     """Fill the arrays, of which `late` are numbers that this cannot round; how much is in each, or -1 of an odd line."""
     odd = (-1, 0, 0, 0, 0, 0, 0)
     vertices, uv = numbers
-    vertex, place = of_corners
     counts, face_line, others = of_lines
-    width, faces, ends, other, slow, line, i = 0, 0, 0, 0, 0, 0, 0
-    rows = np.zeros(2, np.int64)
+    width, rows, at, faces, ends, other, slow, line, i = 0, 0, 0, 0, 0, 0, 0, 0, 0
     while i < len(text):
         while text[i] == 32:
             i += 1
         start = i
         if text[i] == 102 and text[i + 1] == 32:  # f
-            i, first = i + 1, ends
-            while text[i] != 10:
-                if text[i] == 32:
-                    i += 1
-                    continue
-                vertex[ends], place[ends], i = corner(text, i, (before[0] + rows[0], before[1] + rows[1]))
-                if i < 0:
-                    return odd
-                ends += 1
+            first = ends
+            i, ends = scan_face(text, i + 1, (before[0] + rows, before[1] + at), of_corners, ends)
             counts[faces], face_line[faces], faces = ends - first, line, faces + 1
-        elif text[i] == 118 and (text[i + 1] == 32 or (text[i + 1] == 116 and text[i + 2] == 32)):  # v, vt
-            kind = 0 if text[i + 1] == 32 else 1
-            i, found = i + 1 + kind, 0
-            while text[i] != 10:
-                if text[i] == 32:
-                    i += 1
-                    continue
-                at = i
-                value, i, exact = decimal(text, at, powers)
-                if i < 0 or found == (6 if kind == 0 else 3):
-                    return odd
-                if kind == 0:
-                    vertices[rows[0], found] = value
-                elif found < 2:
-                    uv[rows[1], found] = value
-                if not exact and found < (6 if kind == 0 else 2):
-                    if slow == len(late):
-                        return odd
-                    late[slow, 0], late[slow, 1], late[slow, 2], late[slow, 3], late[slow, 4] = (
-                        kind,
-                        rows[kind],
-                        found,
-                        at,
-                        i,
-                    )
-                    slow += 1
-                found += 1
-            if kind == 0:
-                if found not in (3, 6) or width not in (0, found):
-                    return odd
-                width = found
-            elif found < 2:
+        elif text[i] == 118 and text[i + 1] == 32:  # v
+            i, found, slow = scan_numbers(text, i + 1, 0, rows, vertices, late, slow)
+            if found not in (3, 6) or width not in (0, found):
                 return odd
-            rows[kind] += 1
+            width, rows = found, rows + 1
+        elif text[i] == 118 and text[i + 1] == 116 and text[i + 2] == 32:  # vt
+            i, found, slow = scan_numbers(text, i + 2, 1, at, uv, late, slow)
+            if found < 2:
+                return odd
+            at += 1
         else:
-            while text[i] != 10:
-                i += 1
-            if i > start and text[i - 1] == 92:  # the line goes on
-                return odd
-            if text[start] == 118 and text[start + 1] == 110 and text[start + 2] == 32:  # vn
-                pass
-            elif words[text[start]]:
-                return odd
-            elif text[start] not in (10, 35):  # neither empty nor a comment
+            i, meant = scan_other(text, i)
+            if meant:
                 others[other, 0], others[other, 1], other = start, faces, other + 1
+        if i < 0:
+            return odd
         line, i = line + 1, i + 1
-    return width, rows[0], rows[1], faces, ends, other, slow
+    return width, rows, at, faces, ends, other, slow
