@@ -73,6 +73,7 @@ def large(tmp_path_factory) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)  # whichever is first makes the files, in two minutes
 @pytest.mark.parametrize("kind", KINDS)
 def test_bench_large_meshes(benchmark, large, kind):
     def loaded():
@@ -84,6 +85,7 @@ def test_bench_large_meshes(benchmark, large, kind):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("kind", KINDS)
 def test_bench_large_meshes_by_trimesh(benchmark, large, kind):
     def loaded():
