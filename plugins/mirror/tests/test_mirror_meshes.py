@@ -19,7 +19,7 @@ from omnilab.api import GridPoses, PathPoses, RandomPoses
 from omnilab.cameras import EquirectangularCamera, HyperbolicMirror, StereoCamera
 from omnilab.geometry import planar_poses
 from omnilab_mirror import Mirror
-from omnilab_mirror.render.embree import Embree
+from omnilab_mirror.render.embree import Embree, bundle_of
 from omnilab_mirror.render.free_space import obstacles
 from omnilab_mirror.render.prepared_world import baked_pictures
 from omnilab_mirror.render.render import render
@@ -79,6 +79,19 @@ def test_rays_meet_the_nearest_triangle(seed, count):
     assert np.array_equal(np.isinf(depth[sure]), np.isinf(best[sure]))
     seen = sure & np.isfinite(best)
     assert np.allclose(depth[seen], best[seen], rtol=1e-3)
+
+
+def test_rays_of_a_camera_go_exactly_as_far_as_single_rays():
+    rng, camera = np.random.default_rng(5), HyperbolicMirror()
+    embree = Embree(soup(rng.normal(size=(3000, 1, 3)) * 3 + rng.normal(size=(3000, 3, 3)) / 4), PLAIN, None)
+    T = planar_poses([0.2, -0.1, 0.3], 0.4)
+    (R, at), bundle = (T[0, :3, :3].astype(np.float32), T[0, :3, 3].astype(np.float32)), bundle_of(camera, 1)
+    turned = (R[:, :1] * bundle.direction[0] + R[:, 1:2] * bundle.direction[1]) + R[:, 2:] * bundle.direction[2]
+    triangle, distance = embree.tree.meet(np.tile(at, (len(bundle.pixel), 1)), turned.T)
+    expected = np.full(camera.height * camera.width, np.inf, np.float32)
+    expected[bundle.pixel[triangle >= 0]] = distance[triangle >= 0]
+    assert np.array_equal(embree.depths(camera, T).ravel(), expected)
+    assert 0.2 < np.mean(triangle >= 0) < 1
 
 
 def test_colours_of_the_corners_blend_linearly():

@@ -12,8 +12,9 @@ from omnilab.api import Bytes, Floats
 from omnilab.cameras import RayCamera
 from omnilab_mirror.render.atlas import Atlas, build_atlas
 from omnilab_mirror.render.embree_tree import LANES, RAYS_AT_ONCE, Tree
+from omnilab_mirror.render.ray_waves import Bundle
 from omnilab_mirror.render.rays import rays_of
-from omnilab_mirror.render.shading import Bundle, Lighting, measure, render
+from omnilab_mirror.render.shading import Lighting, measure, render
 from omnilab_mirror.render.triangle_table import table_of
 from omnilab_mirror.scene.light import Illumination
 from omnilab_mirror.scene.meshes.triangles import Triangles
@@ -48,7 +49,7 @@ class Embree:
         bundle = bundle_of(camera, samples)
         images = np.zeros((len(T_world_camera), camera.height * camera.width, 3 if color else 1), np.uint8)
         for T, image in zip(T_world_camera.astype(np.float32), images, strict=True):
-            render(bundle, T[:3, :3], T[:3, 3], samples, self.tree.call, table, tinted, self.light, atlas, image)
+            render(bundle, T[:3, :3], T[:3, 3], samples, self.tree.coherent, table, tinted, self.light, atlas, image)
         shape = (len(images), camera.height, camera.width)
         return images.reshape(*shape, 3) if color else images.reshape(shape)
 
@@ -57,7 +58,7 @@ class Embree:
         bundle = bundle_of(camera, 1)
         depths = np.full((len(T_world_camera), camera.height * camera.width), np.inf, np.float32)
         for T, depth in zip(T_world_camera.astype(np.float32), depths, strict=True):
-            measure(bundle, T[:3, :3], T[:3, 3], self.tree.call, depth)
+            measure(bundle, T[:3, :3], T[:3, 3], self.tree.coherent, depth)
         return depths.reshape(-1, camera.height, camera.width)
 
 

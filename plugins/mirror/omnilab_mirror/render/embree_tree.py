@@ -2,8 +2,9 @@
 
 The package embreex brings the library, but it copies a mesh number by number in Python, and sends one ray after the
 other. Here the corners stay where they are, and eight rays are sent at once: they meet the same triangles at the same
-distances, bit for bit. (Embree's way for coherent rays is faster still, but where two triangles are met at exactly the same
-distance, it finds the other one for some rays of a million.)
+distances, bit for bit. Neighbouring rays of a camera are sent as coherent: Embree tries them against boxes all together.
+Where such a ray meets the edge of a triangle within rounding (some 1e-7 of the triangle), it may meet the neighbour at the
+same distance, or miss a rim: of 133 million rays 30 and 3 did.
 """
 
 from __future__ import annotations
@@ -37,6 +38,8 @@ NONE = -1
 ROBUST, TRIANGLES, INDICES, CORNERS = 4, 0, 0, 1  # RTCSceneFlags, RTCGeometryType, RTCBufferType
 INTEGERS, FLOATS = 0x5003, 0x9003  # RTCFormat, of three each
 RAYS_AT_ONCE = 4096  # of one thread
+# RTCIntersectArguments: RTC_RAY_QUERY_FLAG_COHERENT, all features, and none of its functions
+COHERENT = np.array([1 << 16, 0xFFFFFFFF, *[0] * 8], np.uint32)
 
 
 _POINTER, _NUMBER, _SIZE = ctypes.c_void_p, ctypes.c_uint, ctypes.c_size_t
@@ -68,10 +71,11 @@ _EMBREE = _library()
 
 
 class EmbreeCall(NamedTuple):
-    """Addresses for compiled code: of Embree's function, and of a tree."""
+    """Addresses for compiled code: of Embree's function, of a tree, and of how to go through it."""
 
     function: int
     scene: int
+    arguments: int
 
 
 class Tree:
@@ -104,7 +108,8 @@ class Tree:
                 f"Embree has no tree of {len(corners)} triangles (its error {error}): it needs more memory"
             )
         function = ctypes.cast(_EMBREE.rtcIntersect8, ctypes.c_void_p).value or 0
-        self.call = EmbreeCall(function, scene)
+        self.call = EmbreeCall(function, scene, 0)
+        self.coherent = EmbreeCall(function, scene, COHERENT.ctypes.data)
 
     def meet(self, origin: Array, direction: Array) -> tuple[Array, Array]:
         """Which triangles (R,) rays (R, 3) meet first, -1 where they meet none, and after how many lengths of `direction`."""
@@ -157,7 +162,7 @@ def cast(call: EmbreeCall, packet: Array, whole: Array, start: int, count: int) 
         whole[TRIANGLE, k], whole[MESH, k] = NONE, NONE
     for k in range(count, LANES):
         whole[USED, k] = 0
-    _call(call.function, start + USED * LANES * 4, call.scene, start, 0)
+    _call(call.function, start + USED * LANES * 4, call.scene, start, call.arguments)
 
 
 @compiled_parallel

@@ -11,22 +11,45 @@ import numpy.typing as npt
 
 from omnilab_mirror.compiled import compiled, compiled_parallel
 from omnilab_mirror.render.atlas import Atlas
-from omnilab_mirror.render.embree_tree import (
-    DIRECTION,
-    FAR,
-    LANES,
-    ORIGIN,
-    TRIANGLE,
-    EmbreeCall,
-    U,
-    V,
-    cast,
-    new_packet,
+from omnilab_mirror.render.embree_tree import EmbreeCall
+from omnilab_mirror.render.ray_waves import (
+    B1,
+    B2,
+    DENSITY,
+    DISTANCE,
+    DX,
+    DY,
+    DZ,
+    HALVED,
+    HIT,
+    LIT,
+    NX,
+    NY,
+    NZ,
+    OX,
+    OY,
+    OZ,
+    PICTURE,
+    U0,
+    U1,
+    U2,
+    V0,
+    V1,
+    V2,
+    WAVE,
+    WEIGHT,
+    WRAPS,
+    Bundle,
+    Wave,
+    X,
+    Y,
+    meet,
+    new_wave,
 )
+from omnilab_mirror.render.texturing import blend, choose_levels, fetch_texels, find_texels, halvings
+from omnilab_mirror.render.triangle_table import OF_PICTURE, PAINTED, TINT
 
 Array = npt.NDArray[Any]
-# what is known of a triangle, in one line of a processor's cache: numbers of 32 bits, and the tint from byte TINT on
-UV, NORMAL, DENSITY, PICTURE, PAINTED, NUMBERS, TINT = 0, 6, 9, 10, 11, 16, 48
 
 
 class Lighting(NamedTuple):
@@ -37,90 +60,113 @@ class Lighting(NamedTuple):
     lamps: Array  # (L, 5): x, y, z, power, reach
 
 
-class Bundle(NamedTuple):
-    """R rays of a camera, in its frame: those of a pixel together, neighbouring pixels near each other."""
-
-    pixel: Array  # (R,) of the image, row by row
-    direction: Array  # (3, R) float32
-    solid_angle: Array  # (R,) float32 of the pixel
-    origin: Array | None  # (3, R) float32, metres; None: all start at the viewpoint
-    parts: Array  # (P + 1,): rays parts[i] to parts[i + 1], of whole pixels, are for one thread at a time
+@compiled
+def find_surfaces(table: Array, wave: Wave, count: int) -> bool:
+    """What the table says of the triangles that are met; whether a ray meets none, which has that of the first."""
+    single, double, whole = wave.single, wave.double, wave.whole
+    pictures, missed = table.view(np.int32), False
+    for k in range(count):
+        missed |= whole[HIT + k] < 0
+        t = np.uintp(max(whole[HIT + k], 0))
+        for i in range(10):
+            single[U0 + i * WAVE + k] = table[t, i]
+        whole[PICTURE + k], double[WRAPS + k] = pictures[t, OF_PICTURE], pictures[t, PAINTED] == 0
+    return missed
 
 
 @compiled
-def near(i: int, count: int, wraps: bool) -> int:
-    """The texel i of `count` in a line, which may lie one beyond either end."""
-    if i < 0:
-        return count - 1 if wraps else 0
-    if i >= count:
-        return 0 if wraps else count - 1
-    return i
+def find_places(wave: Wave, count: int) -> None:
+    """Where on their pictures the rays meet triangles."""
+    single, double = wave.single, wave.double
+    for k in range(count):
+        u, v = single[B1 + k], single[B2 + k]
+        w = 1 - u - v
+        double[X + k] = w * single[U0 + k] + u * single[U1 + k] + v * single[U2 + k]
+        double[Y + k] = w * single[V0 + k] + u * single[V1 + k] + v * single[V2 + k]
 
 
 @compiled
-def add_texel(
-    texels: Array,
-    start: int,
-    width: int,
-    height: int,
-    x: float,
-    y: float,
-    wraps: bool,
-    weight: Array,
-    k: int,
-    total: Array,
-) -> None:
-    """Add to `total` (C,) the bilinear colour at fractions (x, y) of the picture at `start`, times weight[k] (C,)."""
-    if wraps:
-        x, y = x - math.floor(x), y - math.floor(y)
-    px, py = x * width - 0.5, y * height - 0.5
-    left, top = math.floor(px), math.floor(py)
-    fx, fy = px - left, py - top
-    x0, x1 = near(left, width, wraps), near(left + 1, width, wraps)
-    a, b = start + near(top, height, wraps) * width, start + near(top + 1, height, wraps) * width
-    for c in range(len(total)):
-        low = texels[a + x0, c] * (1 - fx) + texels[a + x1, c] * fx
-        high = texels[b + x0, c] * (1 - fx) + texels[b + x1, c] * fx
-        total[c] += weight[k, c] * (low * (1 - fy) + high * fy)
+def light_up(solid_angle: Array, first: int, light: Lighting, wave: Wave, count: int) -> None:
+    """Turn the normals to the side that is seen; how coarse pictures may be, and the light of no lamp."""
+    single, double, whole = wave.single, wave.double, wave.whole
+    ambient, x, y, z = light.ambient, light.overhead[0], light.overhead[1], light.overhead[2]
+    for k in range(count):
+        nx, ny, nz, far = single[NX + k], single[NY + k], single[NZ + k], single[DISTANCE + k]
+        cosine = nx * single[DX + k] + ny * single[DY + k] + nz * single[DZ + k]
+        covered = solid_angle[first + k] * far * far / max(abs(cosine), 1e-6)  # square metres
+        whole[HALVED + k] = halvings(covered * single[DENSITY + k])
+        if cosine > 0:
+            nx, ny, nz = -nx, -ny, -nz
+        single[NX + k], single[NY + k], single[NZ + k] = nx, ny, nz
+        # what is painted does not wrap, and has its light
+        double[LIT + k] = ambient + nx * x + ny * y + nz * z if double[WRAPS + k] != 0 else 1.0
 
 
 @compiled
-def finer(area: float, first: int, end: int) -> int:
-    """Which of the levels from `first` on, before `end`, suits a pixel that covers `area` texels of the finest."""
-    exponent: Any = ((np.float64(area).view(np.int64) >> 52) & 2047) - 1022  # that of frexp
-    return min(first + max(exponent >> 1, 0), end - 1) if exponent < 1025 else first
+def add_lamps(lamps: Array, wave: Wave, count: int) -> None:
+    """The light of all lamps on what is not painted (Lambert's cosine law)."""
+    single, double = wave.single, wave.double
+    for k in range(count):
+        if double[WRAPS + k] != 0:
+            nx, ny, nz, far = single[NX + k], single[NY + k], single[NZ + k], single[DISTANCE + k]
+            x, y = single[OX + k] + far * single[DX + k], single[OY + k] + far * single[DY + k]
+            z = single[OZ + k] + far * single[DZ + k]
+            total = 0.0
+            for i in range(len(lamps)):
+                lx, ly, lz = lamps[i, 0] - x, lamps[i, 1] - y, lamps[i, 2] - z
+                distance = math.sqrt(lx * lx + ly * ly + lz * lz)
+                cosine = max(nx * lx + ny * ly + nz * lz, 0.0) / max(distance, 1e-9)
+                total += lamps[i, 3] * cosine / (1 + (distance / lamps[i, 4]) ** 2)
+            double[LIT + k] += total
 
 
 @compiled
-def lambert(nx: float, ny: float, nz: float, x: float, y: float, z: float, lamps: Array) -> float:
-    """The light of all lamps at a point (x, y, z) with a normal."""
-    total = 0.0
-    for k in range(len(lamps)):
-        lx, ly, lz = lamps[k, 0] - x, lamps[k, 1] - y, lamps[k, 2] - z
-        distance = math.sqrt(lx * lx + ly * ly + lz * lz)
-        cosine = max(nx * lx + ny * ly + nz * lz, 0.0) / max(distance, 1e-9)
-        total += lamps[k, 3] * cosine / (1 + (distance / lamps[k, 4]) ** 2)
-    return total
+def see_sky(solid_angle: Array, start: int, first: Array, levels: Array, wave: Wave, count: int) -> None:
+    """What rays that meet nothing see: the last picture, which wraps around, but not from pole to pole."""
+    single, double, whole, sky = wave.single, wave.double, wave.whole, len(first) - 2
+    texels = levels[first[sky], 1] * levels[first[sky], 2]
+    for k in range(count):
+        if whole[HIT + k] >= 0:
+            continue
+        halved = halvings(solid_angle[start + k] * (texels / (2 * math.pi * math.pi)))
+        whole[PICTURE + k], whole[HALVED + k] = sky, halved
+        double[WRAPS + k], double[LIT + k] = 1.0, 1.0
+        double[X + k], double[Y + k] = 0.5, 0.5
+        if texels > 1:  # one is the same everywhere
+            half = 0.5 / levels[min(first[sky] + max(halved, 0), first[sky + 1] - 1), 2]
+            double[X + k] = math.atan2(single[DY + k], single[DX + k]) / (2 * math.pi)
+            down = math.acos(min(max(single[DZ + k], -1.0), 1.0)) / math.pi
+            double[Y + k] = min(max(down, half), 1 - half)
 
 
 @compiled
-def fill(d: Array, starts: Array | None, R: Array, at: Array, first: int, count: int, packet: Array) -> None:
-    """Put `count` rays from `first` on, of directions d (3, N) and `starts`, into a packet: turned by R and moved to `at`."""
-    for i in range(3):
+def weigh(table: Array, tinted: bool, wave: Wave, count: int, channels: int) -> None:
+    """The light, in each channel times the tint if there is one."""
+    single, double, whole, tint = wave.single, wave.double, wave.whole, table.view(np.uint8)
+    for c in range(channels):
         for k in range(count):
-            r = first + k
-            packet[DIRECTION + i, k] = R[i, 0] * d[0, r] + R[i, 1] * d[1, r] + R[i, 2] * d[2, r]
-            if starts is None:
-                packet[ORIGIN + i, k] = at[i]
-            else:
-                packet[ORIGIN + i, k] = R[i, 0] * starts[0, r] + R[i, 1] * starts[1, r] + R[i, 2] * starts[2, r] + at[i]
+            double[WEIGHT + c * WAVE + k] = double[LIT + k]
+        for k in range(count if tinted else 0):
+            t = whole[HIT + k]
+            if t >= 0:
+                u, v = single[B1 + k], single[B2 + k]
+                b0, b1, b2 = tint[t, TINT + c], tint[t, TINT + channels + c], tint[t, TINT + 2 * channels + c]
+                double[WEIGHT + c * WAVE + k] *= ((1 - u - v) * b0 + u * b1 + v * b2) / 255
 
 
 @compiled
-def sky_at(dx: float, dy: float, dz: float, half: float) -> tuple[float, float]:
-    """Where on its picture the sky is seen: it wraps around, but not from pole to pole."""
-    x, y = math.atan2(dy, dx) / (2 * math.pi), math.acos(min(max(dz, -1.0), 1.0)) / math.pi
-    return x, min(max(y, half), 1 - half)
+def write(pixel: Array, start: int, end: int, wave: Wave, count: int, samples: int, total: Array, image: Array) -> None:
+    """Add colours to `total` (C,), and write it to a pixel with its last ray."""
+    double = wave.double
+    for k in range(count):
+        r = start + k
+        for c in range(len(total)):
+            total[c] += double[WEIGHT + c * WAVE + k]
+        if r + 1 == end or pixel[r + 1] != pixel[r]:
+            for c in range(len(total)):
+                mean = total[c] / (256 * samples)
+                image[pixel[r], c] = np.uint8(min(mean, 255.0) + 0.5)  # light may be stronger than white
+                total[c] = 0
 
 
 @compiled_parallel
@@ -138,87 +184,38 @@ def render(
 ) -> None:
     """Fill the pixels (H * W, C) of a bundle's rays, seen from a pose (R, at), with the means over `samples` rays.
 
-    `table`: (T, NUMBERS) float32 of the triangles. Each pixel is computed alone, so the number of threads changes nothing.
+    `table`: (T, NUMBERS) float32 of the triangles. The same rays are always sent together, so the number of threads changes nothing.
     """
-    # arrays of its own: each use of an array in a tuple counts its references
-    pixel, direction, solid_angle, starts, parts = bundle
-    ambient, overhead, lamps = light
-    first, levels, texels = atlas
-    channels, sky = image.shape[1], len(first) - 2
-    whole, tint = table.view(np.int32), table.view(np.uint8)
-    sky_density = levels[first[sky], 1] * levels[first[sky], 2] / (2 * math.pi * math.pi)  # texels per steradian
+    parts, channels = bundle.parts, image.shape[1]
     for part in numba.prange(len(parts) - 1):
-        packet, hits, address = new_packet()
-        total, weight, end = np.zeros(channels), np.ones((LANES, channels)), parts[part + 1]
-        place, level, wraps = np.empty((LANES, 2)), np.empty(LANES, np.int64), np.empty(LANES, np.bool_)
-        for start in range(parts[part], end, LANES):
-            count = min(LANES, end - start)
-            fill(direction, starts, R, at, start, count, packet)
-            cast(call, packet, hits, address, count)
-            for k in range(count):
-                r, t = start + k, hits[TRIANGLE, k]
-                dx, dy, dz = packet[DIRECTION, k], packet[DIRECTION + 1, k], packet[DIRECTION + 2, k]
-                if t < 0:
-                    level[k] = finer(solid_angle[r] * sky_density, first[sky], first[sky + 1])
-                    place[k, 0], place[k, 1] = sky_at(dx, dy, dz, 0.5 / levels[level[k], 2])
-                    wraps[k] = True
-                    for c in range(channels):
-                        weight[k, c] = 1.0
-                    continue
-                far, u, v = packet[FAR, k], packet[U, k], packet[V, k]
-                w = 1 - u - v
-                place[k, 0] = w * table[t, UV] + u * table[t, UV + 2] + v * table[t, UV + 4]
-                place[k, 1] = w * table[t, UV + 1] + u * table[t, UV + 3] + v * table[t, UV + 5]
-                nx, ny, nz = table[t, NORMAL], table[t, NORMAL + 1], table[t, NORMAL + 2]
-                cosine = nx * dx + ny * dy + nz * dz
-                covered = solid_angle[r] * far * far / max(abs(cosine), 1e-6)  # square metres
-                picture, wraps[k], lit = whole[t, PICTURE], whole[t, PAINTED] == 0, 1.0
-                level[k] = finer(covered * table[t, DENSITY], first[picture], first[picture + 1])
-                if wraps[k]:  # what is painted does not, and has its light
-                    if cosine > 0:  # the side that is seen
-                        nx, ny, nz = -nx, -ny, -nz
-                    lit = ambient + nx * overhead[0] + ny * overhead[1] + nz * overhead[2]
-                    px, py, pz = (
-                        packet[ORIGIN, k] + far * dx,
-                        packet[ORIGIN + 1, k] + far * dy,
-                        packet[ORIGIN + 2, k] + far * dz,
-                    )
-                    lit += lambert(nx, ny, nz, px, py, pz, lamps)
-                for c in range(channels):
-                    weight[k, c] = lit
-                    if tinted:
-                        b0, b1, b2 = tint[t, TINT + c], tint[t, TINT + channels + c], tint[t, TINT + 2 * channels + c]
-                        weight[k, c] *= (w * b0 + u * b1 + v * b2) / 255
-            for k in range(count):
-                r, i = start + k, level[k]
-                add_texel(
-                    texels,
-                    levels[i, 0],
-                    levels[i, 1],
-                    levels[i, 2],
-                    place[k, 0],
-                    place[k, 1],
-                    wraps[k],
-                    weight,
-                    k,
-                    total,
-                )
-                if r + 1 == end or pixel[r + 1] != pixel[r]:
-                    for c in range(channels):
-                        # light may be stronger than white
-                        image[pixel[r], c] = np.uint8(min(total[c] / (256 * samples), 255.0) + 0.5)
-                        total[c] = 0
+        wave, total, end = new_wave(), np.zeros(channels), parts[part + 1]
+        for start in range(parts[part], end, WAVE):
+            count = min(WAVE, end - start)
+            meet(bundle, R, at, call, start, count, wave)
+            missed = find_surfaces(table, wave, count)
+            find_places(wave, count)
+            light_up(bundle.solid_angle, start, light, wave, count)
+            if len(light.lamps):
+                add_lamps(light.lamps, wave, count)
+            if missed:
+                see_sky(bundle.solid_angle, start, atlas.first, atlas.levels, wave, count)
+            weigh(table, tinted, wave, count, channels)
+            choose_levels(atlas.first, atlas.levels, wave, count)
+            find_texels(wave, count)
+            fetch_texels(atlas.texels, wave, count)
+            for channel in range(channels):
+                blend(wave, count, channel)
+            write(bundle.pixel, start, end, wave, count, samples, total, image)
 
 
 @compiled_parallel
 def measure(bundle: Bundle, R: Array, at: Array, call: EmbreeCall, depth: Array) -> None:
     """Fill `depth` (H * W,) with how far rays of one a pixel go from a pose (R, at), infinity where they meet nothing."""
     for part in numba.prange(len(bundle.parts) - 1):
-        packet, hits, address = new_packet()
-        end = bundle.parts[part + 1]
-        for start in range(bundle.parts[part], end, LANES):
-            count = min(LANES, end - start)
-            fill(bundle.direction, bundle.origin, R, at, start, count, packet)
-            cast(call, packet, hits, address, count)
+        wave, pixel, end = new_wave(), bundle.pixel, bundle.parts[part + 1]
+        distance, hit = wave.single, wave.whole
+        for start in range(bundle.parts[part], end, WAVE):
+            count = min(WAVE, end - start)
+            meet(bundle, R, at, call, start, count, wave)
             for k in range(count):
-                depth[bundle.pixel[start + k]] = math.inf if hits[TRIANGLE, k] < 0 else packet[FAR, k]
+                depth[pixel[start + k]] = math.inf if hit[HIT + k] < 0 else distance[DISTANCE + k]

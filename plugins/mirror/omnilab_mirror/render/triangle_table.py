@@ -11,11 +11,12 @@ import numpy.typing as npt
 
 from omnilab_mirror.compiled import compiled_parallel
 from omnilab_mirror.render.atlas import LUMA
-from omnilab_mirror.render.shading import DENSITY, NORMAL, NUMBERS, PAINTED, PICTURE, TINT, UV
 from omnilab_mirror.scene.meshes.triangles import Triangles
 
 Array = npt.NDArray[Any]
 AT_ONCE = 100_000  # triangles
+# columns of 32 bits, and the tint from byte TINT on; waves of rays have the first ten in rows of the same order
+UV, NORMAL, DENSITY, OF_PICTURE, PAINTED, NUMBERS, TINT = 0, 6, 9, 10, 11, 16, 48
 
 
 def table_of(triangles: Triangles, texels: Array, color: bool) -> Array:
@@ -56,7 +57,7 @@ def fill(corners: Array, uv: Array, picture: Array, painted: Array, tint: Array,
         share = abs(right * below - across * down)  # of the picture, doubled as the area is
         shown = picture[min(t, len(picture) - 1)]
         table[t, DENSITY] = share * texels[shown] / area
-        whole[t, PICTURE], whole[t, PAINTED] = shown, painted[min(t, len(painted) - 1)]
+        whole[t, OF_PICTURE], whole[t, PAINTED] = shown, painted[min(t, len(painted) - 1)]
         color = tint[min(t, len(tint) - 1)]
         for i in range(3):
             for k in range(tint.shape[2]):
