@@ -14,7 +14,6 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
-from foxglove_schemas_protobuf.Point3_pb2 import Point3
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.Pose_pb2 import Pose as PoseMessage
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
@@ -30,10 +29,11 @@ from google.protobuf.message import Message  # type: ignore[import-untyped]
 from google.protobuf.timestamp_pb2 import Timestamp  # type: ignore[import-untyped]
 
 from omnilab import api
-from omnilab.api import Floats, Ints, Tick
+from omnilab.api import Bytes, Floats, Ints, Tick
 from omnilab.geometry import planar_poses, quaternion_xyzw
 from omnilab.image import encode
 from omnilab_mcap import schema
+from omnilab_mcap.vectors import add_vectors
 
 WORLD, CAMERA = "world", "camera"
 LEVELS = {"INFO": Log.Level.INFO, "NOTE": Log.Level.INFO, "WARN": Log.Level.WARNING, "ERROR": Log.Level.ERROR}
@@ -114,9 +114,9 @@ def answers(record: api.Answers, topic: str, tick: Tick) -> Topics:
 
 @messages.register
 def mesh(record: api.Mesh, topic: str, tick: Tick) -> Topics:
-    colors = [Color(r=r, g=g, b=b, a=1.0) for r, g, b in (record.colors / 255).tolist()]
-    indices = record.triangles.ravel().tolist()
-    surface = TriangleListPrimitive(pose=IDENTITY, points=points(record.vertices_m), colors=colors, indices=indices)
+    surface = TriangleListPrimitive(pose=IDENTITY, indices=record.triangles.ravel().tolist())
+    add_vectors(surface, "points", record.vertices_m)
+    add_vectors(surface, "colors", opaque(record.colors))
     yield topic, scene([SceneEntity(timestamp=stamp(tick), frame_id=WORLD, id=topic, triangles=[surface])], tick)
 
 
@@ -130,16 +130,10 @@ def point_cloud(record: api.PointCloud, topic: str, tick: Tick) -> Topics:
 def graph(record: api.Graph, topic: str, tick: Tick) -> Topics:
     yield f"{topic}/points", cloud(record.position_m, {}, tick)
     ends = record.position_m[record.edges].reshape(-1, 3)
-    edges = LinePrimitive(
-        type=LinePrimitive.LINE_LIST,
-        pose=IDENTITY,
-        thickness=2.0,
-        scale_invariant=True,
-        points=points(ends),
-        color=GREY,
-    )
+    edges = LinePrimitive(type=LinePrimitive.LINE_LIST, pose=IDENTITY, thickness=2.0, scale_invariant=True, color=GREY)
+    add_vectors(edges, "points", ends)
     if record.colors is not None:
-        edges.colors.extend(Color(r=r, g=g, b=b, a=1.0) for r, g, b in (record.colors.repeat(2, axis=0) / 255).tolist())
+        add_vectors(edges, "colors", opaque(record.colors.repeat(2, axis=0)))
     yield topic, scene([SceneEntity(timestamp=stamp(tick), frame_id=WORLD, id=topic, lines=[edges])], tick)
 
 
@@ -173,9 +167,9 @@ def transform(parent: str, child: str, pose: PoseMessage, tick: Tick) -> FrameTr
     )
 
 
-def points(position_m: Floats) -> list[Point3]:
-    """Positions (N, 3)."""
-    return [Point3(x=x, y=y, z=z) for x, y, z in position_m.tolist()]
+def opaque(colors: Bytes) -> Floats:
+    """Colours (N, 4) from 0 to 1, of RGB (N, 3)."""
+    return np.column_stack([colors / 255, np.ones(len(colors))])
 
 
 def poses(T: Floats) -> list[PoseMessage]:
@@ -215,7 +209,7 @@ def cloud(
 def lines(verdict: str, ends_m: Floats, tick: Tick) -> SceneEntity:
     """Lines (N, 2, 3) from truths to the answers of one verdict, three pixels wide."""
     line = LinePrimitive(type=LinePrimitive.LINE_LIST, pose=IDENTITY, thickness=3.0, scale_invariant=True)
-    line.points.extend(points(ends_m.reshape(-1, 3)))
+    add_vectors(line, "points", ends_m.reshape(-1, 3))
     line.color.CopyFrom(VERDICT_COLORS[verdict])
     return SceneEntity(timestamp=stamp(tick), frame_id=WORLD, id=verdict, lines=[line])
 

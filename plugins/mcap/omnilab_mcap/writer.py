@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import os
+import struct
 from pathlib import Path
 
-from mcap.data_stream import RecordBuilder
-from mcap.records import Channel, McapRecord, Message, Schema
+from mcap.opcode import Opcode
+from mcap.records import Channel, Schema
 from mcap.writer import Writer
+
+from omnilab_mcap.chunks import MESSAGE_BYTES, written
 
 SKIPPED = 0x80  # opcode of a record of our own, which readers skip
 HEAD_BYTES = 9  # of every record: opcode and length
+MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence number, both times
 
 
 class TailedFile:
@@ -47,13 +51,10 @@ class TailedFile:
         self._completed.clear()
         os.ftruncate(self._file, self._whole)
 
-    def append(self, record: McapRecord) -> None:
-        """A record of the next chunk."""
-        builder = RecordBuilder()
-        record.write(builder)
-        data = builder.end()
-        self._put(data, self._whole + self._tail)
-        self._tail += len(data)
+    def append(self, record: bytes) -> None:
+        """A record of the next chunk, head included."""
+        self._put(record, self._whole + self._tail)
+        self._tail += len(record)
 
     def close(self) -> None:
         os.close(self._file)
@@ -75,7 +76,7 @@ class TailedWriter(Writer):  # type: ignore[misc]  # mcap says nothing of types
     def register_schema(self, name: str, encoding: str, data: bytes) -> int:
         """The number of a new schema."""
         number: int = super().register_schema(name, encoding, data)
-        self._file.append(Schema(number, data, encoding, name))
+        self._file.append(written(Schema(number, data, encoding, name)))
         return number
 
     def register_channel(
@@ -83,11 +84,12 @@ class TailedWriter(Writer):  # type: ignore[misc]  # mcap says nothing of types
     ) -> int:
         """The number of a new channel."""
         number: int = super().register_channel(topic, message_encoding, schema_id, metadata or {})
-        self._file.append(Channel(number, topic, message_encoding, metadata or {}, schema_id))
+        self._file.append(written(Channel(number, topic, message_encoding, metadata or {}, schema_id)))
         return number
 
     def add_message(self, channel_id: int, log_time: int, data: bytes, publish_time: int, sequence: int = 0) -> None:
         """Append a message; OSError if there is no room for it, struct.error if a number has no room in its field."""
-        self._file.append(Message(channel_id, log_time, data, publish_time, sequence))
+        head = MESSAGE.pack(Opcode.MESSAGE, MESSAGE_BYTES + len(data), channel_id, sequence, log_time, publish_time)
+        self._file.append(head + data)
         super().add_message(channel_id, log_time, data, publish_time, sequence)
         self._file.flush()  # a chunk, if this completed one

@@ -9,12 +9,16 @@ import time
 import cv2
 import numpy as np
 import pytest
+from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
+from foxglove_schemas_protobuf.Point3_pb2 import Point3
 from hypothesis import given
 from hypothesis import strategies as st
 
 from omnilab import api
 from omnilab.errors import DataError, PluginError
 from omnilab_mcap import McapSink
+from omnilab_mcap.vectors import add_vectors
 
 
 @pytest.fixture(scope="module")
@@ -303,3 +307,14 @@ def test_writing_to_a_closed_sink():
 def test_import_is_light():
     code = "import sys, omnilab_mcap; print([m for m in sys.modules if m.split('.')[0] in ('mcap', 'google', 'zstandard')])"
     assert subprocess.check_output([sys.executable, "-c", code], text=True) == "[]\n"
+
+
+def test_vectors_are_put_into_a_message_as_protobuf_would():
+    values = np.array([[0.0, -0.0, 1.5], [np.nan, np.inf, -1e300], [0.1, 0.0, 2.0]])
+    one_by_one, at_once = (LinePrimitive(points=[Point3(x=7.0)], thickness=2.0) for _ in range(2))
+    one_by_one.points.extend(Point3(x=x, y=y, z=z) for x, y, z in values.tolist())
+    one_by_one.colors.extend(Color(r=r, g=g, b=b, a=0.5) for r, g, b in values.tolist())
+    add_vectors(at_once, "points", values)
+    add_vectors(at_once, "colors", np.column_stack([values, np.full(3, 0.5)]))
+    add_vectors(at_once, "points", np.empty((0, 3), np.float32))
+    assert at_once.SerializeToString() == one_by_one.SerializeToString()
