@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import insort
 from collections.abc import Sequence
 
 import numpy as np
@@ -25,7 +26,7 @@ class RecordsSeen:
         self._still: dict[str, Floats] = {}  # corners (2, 3) by path, of the first record
         self._moving: dict[str, Floats] = {}  # of the last one; of poses, of all
         self._surfaces = set[str]()  # paths of fields, which are drawn as surfaces where they are alone
-        self._times: dict[str, list[float]] = {}
+        self._times: dict[str, TimesSeen] = {}
 
     def add(self, path: str, record: Record, still: bool) -> bool:
         """Remember what is of interest in a record; whether it changes from where maps are seen."""
@@ -37,8 +38,7 @@ class RecordsSeen:
             self.spacing_m = float(np.clip(spacing_m(record.position_m), extent / 150, extent / 25))
         if isinstance(record, Series):
             if record.unit in TIMES:
-                known = self._times.setdefault(path, [])
-                known += record.values[: MOST - len(known)].tolist()
+                self._times.setdefault(path, TimesSeen()).add(record.values)
         elif (corners := corners_of(record)) is not None:
             if isinstance(record, DistanceField):
                 self._surfaces.add(path)
@@ -87,17 +87,38 @@ class RecordsSeen:
         None if nothing should leave the plot.
         """
         path = path.strip("/")
-        curves = [np.array(values) for p, values in self._times.items() if p == path or p.startswith(f"{path}/")]
-        curves = [finite for curve in curves if len(finite := curve[np.isfinite(curve)])]
-        largest = max((float(curve.max()) for curve in curves), default=0.0)
-        usual = max((_usual(curve) for curve in curves), default=0.0)
+        curves = [times for p, times in self._times.items() if p == path or p.startswith(f"{path}/")]
+        largest = max((times.largest for times in curves), default=0.0)
+        usual = max((times.usual for times in curves), default=0.0)
         return (1.1 * usual, largest) if largest > FLATTENED * usual > 0 else None
 
 
-def _usual(curve: Floats) -> float:
-    """The largest value (n,), without the few that are rare."""
-    rare = max(LEAST_RARE, int(RARE * len(curve)))
-    return float(np.sort(curve)[-rare - 1] if len(curve) > 4 * rare else curve.max())
+class TimesSeen:
+    """The values of a curve of times, of which the largest are asked for after each one."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._sorted: list[float] = []  # those that are finite
+
+    def add(self, values: Floats) -> None:
+        """More values (n,), of which MOST in all are kept."""
+        new = values[: MOST - self._count]
+        self._count += len(new)
+        finite = new[np.isfinite(new)].tolist()
+        if len(finite) == 1:
+            insort(self._sorted, finite[0])
+        else:
+            self._sorted = sorted(self._sorted + finite)
+
+    @property
+    def largest(self) -> float:
+        return self._sorted[-1] if self._sorted else 0.0
+
+    @property
+    def usual(self) -> float:
+        """The largest value without the few that are rare."""
+        rare = max(LEAST_RARE, int(RARE * len(self._sorted)))
+        return self._sorted[-rare - 1] if len(self._sorted) > 4 * rare else self.largest
 
 
 def corners_of(record: Record) -> Floats | None:

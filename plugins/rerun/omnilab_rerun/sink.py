@@ -6,7 +6,7 @@ import os
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -79,6 +79,7 @@ class RerunSink:
         self._failed = False
         properties.begin(self._stream, self._manifest)
         self._times, self._tick = LogTimes(), Tick(0, 0)
+        self._last_times: tuple[Tick, int, list[Any]] = self._tick, -1, []
         self._seen, self._curves = RecordsSeen(), Curves()
         self._header, self._sent = ShownHeader(), SentLayout(self._stream, self._manifest.folder.parent.name)
         self._layout: ViewLayout | None = None
@@ -133,7 +134,7 @@ class RerunSink:
 
     def _draw(self, path: str, record: Record, tick: Tick | None) -> None:
         from omnilab_rerun.drawing import draw
-        from omnilab_rerun.owned import components, owned, row
+        from omnilab_rerun.owned import components, row
 
         log_ns = self._times.now() if tick is None else self._times.of_step(tick.step)
         if isinstance(record, Text) and not record.markdown:
@@ -142,8 +143,15 @@ class RerunSink:
             if tick is None:
                 self._stream.log(path + part, components(*archetypes), static=True, strict=True)
             else:  # `log` would add a time of its own
-                times = owned(_columns([tick.step], [tick.stamp_ns], [log_ns]))
-                self._stream.send_columns(path + part, times, row(*archetypes), strict=True)
+                self._stream.send_columns(path + part, self._times_of(tick, log_ns), row(*archetypes), strict=True)
+
+    def _times_of(self, tick: Tick, log_ns: int) -> list[Any]:
+        """Where a record lies on each timeline: made once for all records of a step."""
+        from omnilab_rerun.owned import owned
+
+        if self._last_times[:2] != (tick, log_ns):
+            self._last_times = tick, log_ns, owned(_columns([tick.step], [tick.stamp_ns], [log_ns]))
+        return self._last_times[2]
 
     def _lay_out(self) -> None:
         """Send the layout, if it has changed."""
@@ -172,9 +180,12 @@ class RerunSink:
         self._seen.add(path, series, still=False)
         if (style := self._curves.new_style(path, series, self._seen.top(path))) is not None:
             self._stream.log(path, components(rr.SeriesLines(**style)), static=True, strict=True)
-        times = _columns(series.steps, series.stamps_ns, self._times.of_steps(series.steps))
-        values = rr.Scalars.columns(scalars=series.values)
-        self._stream.send_columns(path, owned(times), owned(values), strict=True)
+        log_ns = self._times.of_steps(series.steps)
+        if len(log_ns) == 1:
+            times = self._times_of(Tick(int(series.steps[0]), int(series.stamps_ns[0])), int(log_ns[0]))
+        else:
+            times = owned(_columns(series.steps, series.stamps_ns, log_ns))
+        self._stream.send_columns(path, times, owned(rr.Scalars.columns(scalars=series.values)), strict=True)
 
     def flush(self) -> None:
         """Show how far the run is; DataError if the file takes no more.
