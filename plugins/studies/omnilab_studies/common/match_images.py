@@ -39,11 +39,13 @@ def _draw_displacements(picture: Bytes, motion: Motion, matches: Floats) -> None
     start = _pixels(matches[:, 0] - [rotation, 0.0], picture.shape)
     end = _pixels(matches[:, 1], picture.shape)
     agree = np.ones(len(end), bool) if motion.agree is None else motion.agree
-    for (u0, v0), (u, v), inlier in zip(start.tolist(), end.tolist(), agree.tolist(), strict=True):
+    near = np.abs(end[:, 0] - start[:, 0]) < picture.shape[1] / 2  # not across the seam
+    ends = np.rint(np.column_stack([start, end])).astype(int).tolist()
+    for (u0, v0, u, v), inlier, whole in zip(ends, agree.tolist(), near.tolist(), strict=True):
         color = INLIER if inlier else OUTLIER
-        if abs(u - u0) < picture.shape[1] / 2:  # not across the seam
-            cv2.line(picture, (round(u0), round(v0)), (round(u), round(v)), color, 1, cv2.LINE_AA)
-        cv2.circle(picture, (round(u), round(v)), 2, color, -1, cv2.LINE_AA)
+        if whole:
+            cv2.line(picture, (u0, v0), (u, v), color, 1, cv2.LINE_AA)
+        cv2.circle(picture, (u, v), 2, color, -1, cv2.LINE_AA)
 
 
 def _pixels(azimuth_level: Floats, shape: tuple[int, ...]) -> Floats:
