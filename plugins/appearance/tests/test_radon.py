@@ -1,5 +1,6 @@
 """The Radon transform against scikit-image, closed forms and exact turns."""
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,6 +11,7 @@ from skimage.transform import radon as skimage_radon
 from omnilab.errors import ConfigError, DataError
 from omnilab.testing import check_descriptor
 from omnilab_appearance import Radon
+from omnilab_appearance.common.image_ops import shrunk
 from omnilab_appearance.descriptors.radon import line_integrals, shrink
 
 
@@ -96,3 +98,20 @@ def test_an_image_alone_has_the_transform_it_has_among_others(offsets):
     together = Radon(offsets=offsets).describe(pictures).place
     for picture, transform in zip(pictures, together, strict=True):
         np.testing.assert_array_equal(Radon(offsets=offsets).describe(picture[None]).place[0], transform)
+
+
+@given(st.integers(4, 60), st.integers(0, 400), st.integers(0, 9))
+@settings(max_examples=40, deadline=None)
+def test_averages_over_cells_are_those_of_opencv(size, more, seed):
+    image = np.random.default_rng(seed).integers(0, 256, (size + more, size + more), np.uint8)
+    reference = cv2.resize(image.astype(np.float32), (size, size), interpolation=cv2.INTER_AREA)
+    np.testing.assert_allclose(shrunk(image, size), reference, rtol=1e-5, atol=1e-4)
+
+
+@pytest.mark.parametrize("center", [43.0, 30.5])
+def test_one_image_alone_has_the_integrals_that_it_has_in_a_batch(center):
+    images = np.random.default_rng(0).random((87, 87, 2)).astype(np.float32)
+    directions = 2 * np.pi * np.arange(45) / 90
+    together = line_integrals(images, directions, center)
+    for k in range(2):
+        np.testing.assert_array_equal(line_integrals(images[..., k : k + 1], directions, center)[0], together[k])

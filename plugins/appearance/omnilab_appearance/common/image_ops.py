@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -102,3 +103,38 @@ def columns_around(values: Floats, width: int, spacing: int) -> Floats:
     sums = np.concatenate([np.zeros_like(sums[..., :1]), sums], -1)
     starts = np.arange(0, samples, spacing)
     return np.asarray((sums[..., starts + width] - sums[..., starts]) / width, np.float32, order="C")
+
+
+def shrunk(image: Bytes, size: int) -> Floats:
+    """A square picture (S, S) of at least `size` pixels a side, averaged over size x size cells: (size, size) float32.
+
+    As OpenCV's INTER_AREA has it, to the last bit.
+    """
+    import cv2
+
+    from omnilab_appearance.common.kernels import cell_averages
+
+    side = len(image)
+    if side % size == 0:  # cells of whole pixels, which OpenCV adds up in another order
+        return np.asarray(cv2.resize(image.astype(np.float32), (size, size), interpolation=cv2.INTER_AREA))
+    at, weights, starts = _cells(side, size)
+    lanes = -(-int(np.diff(starts).max()) // 8) * 8
+    columns = np.zeros((side, side + lanes), image.dtype)
+    cv2.transpose(image, columns[:, :side])
+    out = np.empty((size, size), np.float32)
+    cell_averages(columns, at, weights, starts, lanes, out)
+    return out
+
+
+@lru_cache(maxsize=8)
+def _cells(side: int, size: int) -> tuple[Ints, Floats, Ints]:
+    """Pixels (K,) of `size` cells of a row of `side`, the shares of its cell that they cover, and where each cell starts."""
+    width = side / size
+    edges = np.arange(size + 1) * width
+    first, last = np.floor(edges[:-1] + 1e-3).astype(int), np.ceil(edges[1:] - 1e-3).astype(int).clip(max=side)
+    starts = np.concatenate([[0], np.cumsum(last - first)])
+    cell = np.repeat(np.arange(size), last - first)
+    at = np.arange(starts[-1]) - starts[cell] + first[cell]
+    high = edges[:-1] + width
+    covered = np.minimum(at + 1, high[cell]) - np.maximum(at, edges[cell])
+    return at, (covered / np.minimum(width, side - edges[cell])).astype(np.float32), starts

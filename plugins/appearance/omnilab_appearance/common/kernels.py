@@ -69,6 +69,76 @@ def line_sums_of_one(padded, cos, sin, center, out, start, stop):  # type: ignor
             out[m, i] = total
 
 
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def line_samples(n, cos, sin, center):  # type: ignore[no-untyped-def]
+    """What `line_sums` reads of an image (n + 4, n + 4), and how much of it.
+
+    Pixels (M, S) of the image in one row, each the upper left of four; their weights (M, S, 4); where line i of a direction
+    starts among its samples (n + 1,). Beyond the zeros around an image lies a zero.
+    """
+    starts, edge = np.zeros(n + 1, np.int64), n + 2.5
+    for i in range(n):
+        reach = math.sqrt(max(0.0, (n / 2) ** 2 - (i - center) ** 2)) + 2.0
+        starts[i + 1] = starts[i] + min(n - 1, int(center + reach) + 1) + 1 - max(0, int(center - reach))
+    pixels = np.empty((len(cos), starts[n]), np.int32)
+    weights = np.empty((len(cos), starts[n], 4), np.float32)
+    for m in range(len(cos)):
+        for i in range(n):
+            d = i - center
+            reach = math.sqrt(max(0.0, (n / 2) ** 2 - d * d)) + 2.0
+            t = max(0, int(center - reach)) - center
+            for k in range(starts[i], starts[i + 1]):
+                x = min(max(center + d * cos[m] + t * sin[m] + 2.0, 0.0), edge)
+                y = min(max(center - d * sin[m] + t * cos[m] + 2.0, 0.0), edge)
+                c, r = int(x), int(y)
+                u, v = x - c, y - r
+                pixels[m, k] = r * (n + 4) + c
+                weights[m, k, 0], weights[m, k, 1] = (1 - u) * (1 - v), u * (1 - v)
+                weights[m, k, 2], weights[m, k, 3] = (1 - u) * v, u * v
+                t += 1
+    return pixels, weights, starts
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def sampled_line_sums(image, pixels, weights, starts, out):  # type: ignore[no-untyped-def]
+    """`line_sums` of one image (n + 4, n + 4) by its `line_samples`, written to `out` (M, n). To the last bit."""
+    flat, below = image.ravel(), np.uint64(image.shape[1])
+    one = np.uint64(1)
+    for m in range(len(out)):
+        for i in range(out.shape[1]):
+            total = np.float32(0)
+            for k in range(starts[i], starts[i + 1]):
+                at, w = np.uint64(pixels[m, k]), weights[m, k]
+                total += (
+                    w[0] * flat[at] + w[1] * flat[at + one] + w[2] * flat[at + below] + w[3] * flat[at + below + one]
+                )
+            out[m, i] = total
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def cell_averages(columns, at, weights, starts, lanes, out):  # type: ignore[no-untyped-def]
+    """Averages (n, n) over the cells of a square image, given by its columns (S, S + lanes), `lanes` of them for nothing.
+
+    Cell i of either axis holds the pixels at[starts[i]] to below at[starts[i + 1]], with their weights; `lanes` at most.
+    Sums along rows come first, in the order of OpenCV's INTER_AREA: all rows of a cell at once.
+    """
+    sums = np.empty(lanes, np.float32)
+    for i in range(len(out)):
+        first, top = starts[i], at[starts[i]]
+        for j in range(len(out)):
+            left = at[starts[j]]
+            for r in range(lanes):
+                sums[r] = 0
+            for k in range(starts[j + 1] - starts[j]):
+                pixels, weight = columns[left + k, top : top + lanes], weights[starts[j] + k]
+                for r in range(lanes):
+                    sums[r] += np.float32(pixels[r]) * weight
+            total = weights[first] * sums[0]
+            for r in range(1, starts[i + 1] - first):
+                total += weights[first + r] * sums[r]
+            out[i, j] = total
+
+
 @nb.njit(parallel=True, cache=True, nogil=True, error_model="numpy")
 def power_sums(queries, places, weights, p):  # type: ignore[no-untyped-def]
     """Sums (Q, P) of weights (D,) times |difference|^p between queries (Q, D) and places (P, D)."""

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from typing import ClassVar
 
 import numpy as np
 
-from omnilab.api import Bytes, Floats, Signatures, check_settings, setting
+from omnilab.api import Bytes, Floats, Ints, Signatures, check_settings, setting
 from omnilab.errors import DataError
-from omnilab_appearance.common.image_ops import channels_of, side_by_side
+from omnilab_appearance.common.image_ops import channels_of, shrunk, side_by_side
 from omnilab_appearance.common.sift.two_threads import in_two
 
 LARGE = 200_000  # samples of one image that are worth two threads
+KEPT = 400_000  # samples of one image, at most, whose places and weights are kept: 20 bytes each
 BLOCK = 32  # images interleaved in the kernel: their pixels share a cache line
 
 
@@ -64,10 +65,12 @@ def shrink(images: Bytes, size: int) -> Floats:
     """Images (N, S, S) as (size, size, N) float32, fading to zero at the inscribed circle. The batch comes last."""
     import cv2
 
-    fine = images.astype(np.float32)
-    if images.shape[1] != size:
-        how = cv2.INTER_AREA if images.shape[1] > size else cv2.INTER_LINEAR
-        fine = np.stack([cv2.resize(image, (size, size), interpolation=how) for image in fine])
+    if images.shape[1] > size:
+        fine = np.stack([shrunk(image, size) for image in images])
+    else:
+        fine = images.astype(np.float32)
+        if images.shape[1] < size:
+            fine = np.stack([cv2.resize(image, (size, size), interpolation=cv2.INTER_LINEAR) for image in fine])
     last = np.ascontiguousarray(np.moveaxis(fine, 0, -1))
     return last * inside_circle(size)[..., None]
 
@@ -89,16 +92,30 @@ def line_integrals(images: Floats, directions_rad: Floats, center: float | None 
     Line (i, m) has its normal at `directions_rad[m]`, counter-clockwise from image right, and lies i - center pixels
     from the point (center, center); the image's own centre by default.
     """
-    from omnilab_appearance.common.kernels import line_sums, line_sums_of_one
+    from omnilab_appearance.common.kernels import line_sums, line_sums_of_one, sampled_line_sums
 
     n = len(images)
     padded = np.pad(images, ((2, 2), (2, 2), (0, 0)))
     lines = np.cos(directions_rad), np.sin(directions_rad), (n - 1) / 2 if center is None else center
     if images.shape[2] == 1:
         out = np.empty((len(directions_rad), n), np.float32)
-        in_two(partial(line_sums_of_one, padded[:, :, 0], *lines, out), len(out), n * out.size >= LARGE)
+        if n * out.size <= KEPT:
+            sampled_line_sums(
+                padded[:, :, 0], *_line_samples(n, np.asarray(directions_rad, float).tobytes(), lines[2]), out
+            )
+        else:
+            in_two(partial(line_sums_of_one, padded[:, :, 0], *lines, out), len(out), n * out.size >= LARGE)
         return np.ascontiguousarray(out.T[None])
     return np.ascontiguousarray(line_sums(padded, *lines).transpose(2, 1, 0))
+
+
+@lru_cache(maxsize=2)
+def _line_samples(n: int, directions_rad: bytes, center: float) -> tuple[Ints, Floats, Ints]:
+    """`line_samples` of directions float64, kept for the images that follow."""
+    from omnilab_appearance.common.kernels import line_samples
+
+    directions = np.frombuffer(directions_rad)
+    return line_samples(n, np.cos(directions), np.sin(directions), center)  # type: ignore[no-any-return]
 
 
 def without_means(transforms: Floats) -> Floats:
