@@ -13,7 +13,7 @@ from omnilab.errors import ConfigError
 from omnilab_appearance import FeatureAltitude
 from omnilab_appearance.common.local_features import Detector
 from omnilab_appearance.common.sift import sift
-from omnilab_appearance.common.sift.scale_space import blur_rows
+from omnilab_appearance.common.sift.scale_space import blur
 
 ROWS, COLUMNS = 240, 320
 EVERYWHERE = np.ones((ROWS, COLUMNS), bool)
@@ -60,10 +60,19 @@ def test_every_keypoint_comes_once(picture, doubled):
 def test_a_picture_blurred_in_parts_is_the_same_as_in_one(picture):
     whole, parts = np.empty((2, ROWS, COLUMNS), np.float32)
     for sigma in (1.25, 3.09):
-        blur_rows(picture.astype(np.float32), sigma, whole, 0, ROWS)
+        blur(picture.astype(np.float32), sigma, whole, 0, ROWS)
         for first, last in itertools.pairwise((0, 3, 20, 120, ROWS)):
-            blur_rows(picture.astype(np.float32), sigma, parts, first, last)
+            blur(picture.astype(np.float32), sigma, parts, first, last)
         np.testing.assert_array_equal(parts, whole)
+
+
+@pytest.mark.parametrize("sigma", [1.25, 1.52, 1.55, 3.09])
+@pytest.mark.parametrize("shape", [(67, 64), (66, 61), (17, 51), (40, 1030), (100, 23)])
+def test_blurs_are_opencvs(sigma, shape):
+    picture = np.random.default_rng(0).uniform(0, 255, shape).astype(np.float32)
+    side, out = 2 * int(np.ceil(3 * sigma)) + 1, np.empty(shape, np.float32)
+    blur(picture, sigma, out, 0, len(picture))
+    np.testing.assert_allclose(out, cv2.GaussianBlur(picture, (side, side), sigma), rtol=0, atol=1e-4)
 
 
 @pytest.mark.parametrize("doubled", [True, False])

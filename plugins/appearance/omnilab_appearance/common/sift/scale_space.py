@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import partial
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -45,16 +45,16 @@ def first_octave(image: Bytes, doubled: bool) -> Octave | None:
     pictures = np.empty((LAYERS + 3, *picture.shape), np.float32)
     large = picture.size >= LARGE
     first = math.sqrt(SIGMA**2 - (CAMERA_SIGMA / step) ** 2)
-    in_two(partial(blur_rows, picture, first, pictures[0]), len(picture), large)
+    in_two(partial(blur, picture, first, pictures[0]), len(picture), large)
     for k, sigma in enumerate(STEPS[:LAYERS]):
-        in_two(partial(blur_rows, pictures[k], sigma, pictures[k + 1]), len(picture), large)
+        in_two(partial(blur, pictures[k], sigma, pictures[k + 1]), len(picture), large)
     return Octave(pictures, step, start)
 
 
 def finish(octave: Octave) -> None:
     """Make the pictures of an octave that follow the one from which the next octave is made."""
     for k in range(LAYERS, len(STEPS)):
-        _blurred(octave.pictures[k], STEPS[k], octave.pictures[k + 1])
+        blur(octave.pictures[k], STEPS[k], octave.pictures[k + 1], 0, octave.pictures.shape[1])
 
 
 def smaller_octaves(octave: Octave) -> list[Octave]:
@@ -65,30 +65,26 @@ def smaller_octaves(octave: Octave) -> list[Octave]:
         pictures = np.empty((LAYERS + 3, *base.shape), np.float32)
         pictures[0] = base
         for k, sigma in enumerate(STEPS):
-            _blurred(pictures[k], sigma, pictures[k + 1])
+            blur(pictures[k], sigma, pictures[k + 1], 0, len(base))
         octave = Octave(pictures, 2 * octave.step, octave.start)
         found.append(octave)
     return found
 
 
-def blur_rows(picture: Floats, sigma: float, out: Floats, first: int, last: int) -> None:
-    """Write the rows first to last of a picture, blurred, into `out`.
+def blur(picture: Floats, sigma: float, out: Floats, first: int, last: int) -> None:
+    """Write rows first to below last of a picture (H, W) float32, blurred, to `out` (H, W).
 
-    OpenCV takes the border of what it is given for the picture's, so the rows near a cut are written once more.
+    A picture must be larger than half the kernel, either way.
     """
-    _blurred(picture[first:last], sigma, out[first:last])
-    reach = math.ceil(REACH * sigma)
-    after_cut = first, first if first == 0 else min(first + reach, last)
-    before_cut = last if last == len(picture) else max(last - reach, first), last
-    for low, high in (after_cut, before_cut):
-        if low < high:
-            around = picture[max(low - reach, 0) : high + reach]
-            out[low:high] = _blurred(around, sigma)[min(reach, low) :][: high - low]
+    from omnilab_appearance.common.sift.blur_kernels import blurred
+
+    taps = _taps(sigma)
+    blurred(picture, taps, (0,) * (len(taps) // 2), out, first, last)
 
 
-def _blurred(picture: Floats, sigma: float, out: Floats | None = None) -> Floats:
-    """A picture (H, W), blurred; in `out`, if that is given."""
+@lru_cache(maxsize=32)
+def _taps(sigma: float) -> Floats:
+    """A Gaussian (2 reach + 1,) float32 whose sum is 1."""
     import cv2
 
-    side = 2 * math.ceil(REACH * sigma) + 1
-    return np.asarray(cv2.GaussianBlur(picture, (side, side), sigma, dst=out))
+    return np.asarray(cv2.getGaussianKernel(2 * math.ceil(REACH * sigma) + 1, sigma, cv2.CV_32F)[:, 0])
