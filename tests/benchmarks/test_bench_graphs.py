@@ -124,7 +124,7 @@ def walk(request):
 def test_gtsam_batch_of_many_poses(benchmark, walk):
     found = benchmark.pedantic(GtsamBatch().optimize, (walk,), **(ROUNDS if len(walk) < 50_000 else {}))
     benchmark.extra_info.update(what="`gtsam_batch`", size=len(walk), of="poses")
-    assert found.starts["given"] == found.starts["chordal"]
+    assert found.chi2 == pytest.approx(3 * (len(walk.edges) - len(walk) + 1), rel=0.1)  # what noise makes of it
 
 
 @pytest.mark.slow

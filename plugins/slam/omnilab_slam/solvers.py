@@ -12,7 +12,8 @@ from omnilab.api import Floats, Optimized, PoseGraph
 from omnilab.errors import DataError
 from omnilab.posegraph.graph import chi2, edge_chi2
 from omnilab_slam.factors import marginals, poses_of, values_of
-from omnilab_slam.gauss_newton import PoseEquations, gauss_newton
+from omnilab_slam.least_squares.equations import PoseEquations
+from omnilab_slam.least_squares.gauss_newton import gauss_newton
 
 FAILURES = (RuntimeError, ValueError, IndexError)  # what GTSAM raises
 MAX_STEPS = 20  # of Gauss-Newton, at the end
@@ -88,7 +89,7 @@ def refined(
     """
     poses, warnings, steps = poses_of(solved.values, graph.planar), list(solved.warnings), 0
     try:
-        poses, steps = gauss_newton(graph, poses, weigh, MAX_STEPS, TOLERANCE, equations=equations)
+        poses, steps, *_ = gauss_newton(graph, poses, weigh, MAX_STEPS, TOLERANCE, equations=equations)
     except FAILURES as error:  # say, all that ties a pose was rejected
         warnings.append(f"the last steps failed ({brief(error)}); GTSAM's optimum is kept")
     iterations = solved.iterations + steps

@@ -10,15 +10,18 @@ import numpy as np
 
 from omnilab.api import Floats, Optimized, PoseGraph
 from omnilab.errors import ConfigError, DataError
-from omnilab.posegraph.graph import chi2, dead_reckoning
-from omnilab_slam.chordal import chordal
+from omnilab.posegraph.graph import chi2, chi2_quantile, dead_reckoning
 from omnilab_slam.factors import factors_of, poses_of
-from omnilab_slam.gauss_newton import PoseEquations, gauss_newton
+from omnilab_slam.least_squares.chordal import chordal
+from omnilab_slam.least_squares.descent import Descent
+from omnilab_slam.least_squares.equations import PoseEquations
+from omnilab_slam.least_squares.gauss_newton import MAX_DAMPING, gauss_newton
 from omnilab_slam.solvers import FAILURES, MAX_STEPS, TOLERANCE, brief, check_start
 
 FAR_BELOW = 0.05  # relative difference of chi2 that is more than an incremental solver's last steps
 SAME_OPTIMUM = 1e-4  # relative difference of costs below which two starts led to one optimum: solvers stop before that
-FEW_STEPS = 4  # of Gauss-Newton, from a start that is near
+ALL_FOLLOWED = 3000  # poses up to which each start is followed, however far off: half a second
+EXPLAINED = 0.99  # of graphs with sound edges have a lower chi2 than what is taken to be noise
 
 
 class Start(Enum):
@@ -37,45 +40,68 @@ def from_start(
     optimize: Callable[[Floats], Optimized],
     cost: Callable[[Floats], float],
     far: float = np.inf,
-    equations: PoseEquations | None = None,
+    descent: Descent | None = None,
 ) -> Optimized:
     """The optimum from a start, or from the best of several: the one with the lowest cost.
 
     `optimize` takes the poses (N, k) to start from, `cost` tells what is minimised at poses (N, k). chi2_before is that of
     the start, of several that of the given one. A chordal start of more than `far` times the cost that the given one led
-    to is not followed. Where the cost is chi2, give its `equations`: then Gauss-Newton tells whether both lead to one optimum.
+    to is not followed. Where the cost is chi2, give a `descent`: what it solves is not left to `optimize`.
     """
+
+    def followed(poses: Floats) -> Optimized:
+        return (descent and descent.optimum(poses)) or optimize(poses)
+
     if start is not Start.best:
         poses = initial_poses(graph, start)
         check_start(graph, poses)
-        return optimize(poses)
+        return followed(poses)
     check_start(graph, graph.poses)
-    given = optimize(graph.poses)
-    if len(graph.edges) < len(graph):  # a tree: no motion contradicts another, and every start meets them all
-        return given
-    try:
-        other = chordal(graph, equations)
-    except FAILURES:  # the linear problem is singular to rounding
-        return given
-    if not np.isfinite(other).all() or not np.isfinite(chi2(graph, other)):
-        return given
+    given = descent.optimum(graph.poses) if descent else optimize(graph.poses)
+    other = _chordal_start(graph, descent.equations if descent else None)
+    if other is None:
+        return given or optimize(graph.poses)
+    found = None
+    if descent and given is None:
+        found = descent.optimum(other, MAX_DAMPING)
+        if found and len(graph) > ALL_FOLLOWED and _is_noise(graph, found.chi2):
+            return _without_the_given(graph, found)
+    given = given or optimize(graph.poses)
     reached = cost(given.poses)
     if cost(other) > far * max(reached, len(graph.edges)):  # chi2 of noise alone is about one for each edge
         return given
-    if equations and _leads_to(graph, other, reached, equations):
+    if descent and not found and descent.leads_to(other, reached, SAME_OPTIMUM):
         return replace(given, starts={Start.given.value: reached, Start.chordal.value: reached})
-    found = optimize(other)
+    found = found or followed(other)
     return _better(given, found, {Start.given.value: reached, Start.chordal.value: cost(found.poses)})
 
 
-def _leads_to(graph: PoseGraph, start: Floats, reached: float, equations: PoseEquations) -> bool:
-    """Whether a few steps of Gauss-Newton from a start (N, k) come to the chi2 that another one has reached."""
-    slack = SAME_OPTIMUM * reached
+def _chordal_start(graph: PoseGraph, equations: PoseEquations | None) -> Floats | None:
+    """The chordal poses (N, k); None where there are none of finite chi2, and for a tree, in which no motion contradicts another."""
+    if len(graph.edges) < len(graph):
+        return None
     try:
-        poses = gauss_newton(graph, start, np.ones_like, FEW_STEPS, TOLERANCE, reached + slack, equations).poses
-    except FAILURES:
-        return False
-    return abs(chi2(graph, poses) - reached) <= slack
+        poses = chordal(graph, equations)
+    except FAILURES:  # the linear problem is singular to rounding
+        return None
+    return poses if np.isfinite(poses).all() and np.isfinite(chi2(graph, poses)) else None
+
+
+def _is_noise(graph: PoseGraph, least: float) -> bool:
+    """Whether the information of the edges explains a chi2, so that no other optimum could be told to be better."""
+    freedom = graph.information.shape[1] * (len(graph.edges) - len(graph) + 1)
+    return least <= chi2_quantile(freedom, EXPLAINED)
+
+
+def _without_the_given(graph: PoseGraph, found: Optimized) -> Optimized:
+    """The optimum of the chordal start where the given one is too far off to be worth following."""
+    sentence = (
+        f"start=given is so far off that Gauss-Newton's steps from it do not lead down; start=chordal leads to {found.chi2:.6g},"
+        " which noise explains, and is kept; backend.start=given follows the other"
+    )
+    return replace(
+        found, chi2_before=chi2(graph), starts={Start.chordal.value: found.chi2}, notes=[sentence, *found.notes]
+    )
 
 
 def _better(given: Optimized, found: Optimized, costs: dict[str, float]) -> Optimized:

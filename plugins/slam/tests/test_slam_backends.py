@@ -16,8 +16,10 @@ from omnilab.posegraph.graph import between, chi2, edge_chi2, is_loop, matrices,
 from omnilab.testing import check_backend
 from omnilab_slam import GtsamBatch, GtsamGnc, GtsamIsam2
 from omnilab_slam.batch import Start
-from omnilab_slam.gauss_newton import gauss_newton, jacobians
 from omnilab_slam.kernels import REDESCENDING, Kernel
+from omnilab_slam.least_squares.equations import PoseEquations
+from omnilab_slam.least_squares.gauss_newton import gauss_newton
+from omnilab_slam.least_squares.linearization import linearized
 
 DATA = Path(__file__).parents[3].parent / "shared/data/pose_graphs"
 
@@ -125,22 +127,29 @@ def test_covariances_are_those_of_a_chain():
 
 
 @pytest.mark.parametrize("planar", [True, False])
-def test_the_jacobians_of_the_last_steps_are_the_numeric_ones(planar):
+def test_gradient_and_hessian_are_those_of_numeric_jacobians(planar):
     rng = np.random.default_rng(4)
     poses, motions = (rng.uniform(-1, 1, (n, 3 if planar else 7)) for n in (4, 5))
     for rows in (poses, motions):
         rows[:, 3:] /= np.linalg.norm(rows[:, 3:], axis=1, keepdims=True)
     edges = np.array([[0, 1], [2, 1], [3, 0], [1, 3], [2, 3]])
     d = 3 if planar else 6
-    graph = PoseGraph(np.arange(4), poses, edges, motions, np.tile(np.eye(d), (5, 1, 1)))
-    found, T, h = jacobians(graph, matrices(poses)), matrices(poses), 1e-6
+    spread = rng.standard_normal((5, d, d))
+    graph = PoseGraph(np.arange(4), poses, edges, motions, spread @ spread.transpose(0, 2, 1))
+    T, h, J = matrices(poses), 1e-6, np.zeros((5, 2, d, d))
     for node in range(4):
         for axis in range(d):
             off = [_nudged(T, node, axis if axis < 2 or not planar else 5, s * h) for s in (1, -1)]
             numeric = (residuals(graph, vectors(off[0], planar)) - residuals(graph, vectors(off[1], planar))) / (2 * h)
             for end in (0, 1):
                 at = edges[:, end] == node
-                assert np.allclose(found[at, end, :, axis], numeric[at], atol=1e-7)
+                J[at, end, :, axis] = numeric[at]
+    weights = rng.uniform(0, 1, 5)
+    W = weights[:, None, None] * graph.information
+    found = linearized(graph, poses)
+    assert np.allclose(found.chi2, edge_chi2(graph), rtol=1e-14)
+    assert np.allclose(found.gradient(weights), np.einsum("esij,eik,ek->esj", J, W, residuals(graph)), atol=1e-6)
+    assert np.allclose(found.hessian(weights), np.einsum("esik,eij,etjl->estkl", J, W, J), atol=1e-6)
 
 
 def _nudged(T, node, axis, by):
@@ -160,6 +169,43 @@ def test_damping_saves_the_last_steps_from_a_bad_start():
     bad = truth + np.random.default_rng(3).normal(0, 0.5, truth.shape) * (np.arange(len(truth)) > 0)[:, None]
     found = gauss_newton(graph, bad, np.ones_like, 100, 1e-12)
     assert chi2(graph, found.poses) == pytest.approx(GtsamBatch().optimize(graph).chi2, rel=1e-6)
+
+
+def test_steps_that_converge_fast_keep_their_equations(monkeypatch):
+    """The chord method: more steps than factorisations, to the optimum of as many."""
+    graph, truth = square(noise=0.05)
+    bad = truth + np.random.default_rng(3).normal(0, 0.1, truth.shape) * (np.arange(len(truth)) > 0)[:, None]
+    factored, factor = [], PoseEquations.factor
+    monkeypatch.setattr(PoseEquations, "factor", lambda *given: factored.append(1) or factor(*given))
+    found = gauss_newton(graph, bad, np.ones_like, 30, 1e-12)
+    assert found.converged
+    assert 1 < len(factored) < found.steps
+    monkeypatch.setattr("omnilab_slam.least_squares.gauss_newton.CONTRACTION", 0)
+    newton = gauss_newton(graph, bad, np.ones_like, 30, 1e-14)
+    assert chi2(graph, found.poses) == pytest.approx(chi2(graph, newton.poses), rel=1e-12)
+    assert np.allclose(found.poses, newton.poses, atol=1e-6)
+
+
+@pytest.mark.parametrize("many", [0, 10**9])
+@pytest.mark.parametrize("kind", [float, complex])
+def test_equations_of_either_order_are_solved_as_dense_ones(many, kind, monkeypatch):
+    monkeypatch.setattr("omnilab_slam.least_squares.equations.MANY", many)
+    rng = np.random.default_rng(0)
+    edges = np.array([[0, 1], [3, 1], [1, 2], [2, 4], [4, 0], [4, 0], [3, 5]])
+    count, d = 6, 2
+    J = rng.standard_normal((len(edges), d, 2 * d)) + (1j if kind is complex else 0) * rng.standard_normal(
+        (7, d, 2 * d)
+    )
+    dense, right = np.zeros((count * d, count * d), kind), rng.standard_normal((count, d, 3)).astype(kind)
+    H = J.conj().transpose(0, 2, 1) @ J
+    for (i, j), block in zip(edges, H, strict=True):
+        at = np.r_[i * d : i * d + d, j * d : j * d + d]
+        dense[np.ix_(at, at)] += block
+    dense[np.arange(12), np.arange(12)] *= 1.5
+    blocks = H.reshape(-1, 2, d, 2, d).transpose(0, 1, 3, 2, 4)
+    equations = PoseEquations(edges, count)
+    found = equations.factor(blocks, damping=0.5).solve(right)
+    assert np.allclose(found.reshape(-1, 3), np.linalg.solve(dense[d:, d:], right.reshape(-1, 3)[d:]))
 
 
 # ------------------------------------------------------------------------------------------------------------- outliers
@@ -220,7 +266,10 @@ def test_a_solver_that_fails_becomes_a_warning_and_the_poses_stay(monkeypatch):
         def __init__(self, *arguments):
             raise RuntimeError("Indeterminate linear system\n detected")
 
-    for name, backend in (("LevenbergMarquardtOptimizer", GtsamBatch()), ("GncLMOptimizer", GtsamGnc())):
+    for name, backend in (
+        ("LevenbergMarquardtOptimizer", GtsamBatch(kernel=Kernel.huber)),
+        ("GncLMOptimizer", GtsamGnc()),
+    ):
         monkeypatch.setattr(gtsam, name, Torn)
         found = backend.optimize(graph)
         assert "the solver failed (its linear equations are singular)" in found.warnings[0]
@@ -246,7 +295,7 @@ def test_a_solver_that_diverges_becomes_a_warning_and_the_poses_stay(monkeypatch
             return 1
 
     monkeypatch.setattr(gtsam, "LevenbergMarquardtOptimizer", Diverging)
-    found = GtsamBatch().optimize(graph)
+    found = GtsamBatch(kernel=Kernel.huber).optimize(graph)
     assert "diverged" in found.warnings[0]
     assert found.chi2 <= found.chi2_before
 
@@ -286,7 +335,7 @@ def test_last_steps_and_covariances_that_fail_are_warnings(monkeypatch):
     monkeypatch.setattr(solvers, "gauss_newton", fail)
     monkeypatch.setattr(gtsam, "Marginals", fail)
     graph, _ = square(laps=1)
-    found = GtsamBatch().optimize(graph, covariances=True)
+    found = GtsamBatch(kernel=Kernel.huber).optimize(graph, covariances=True)
     assert ["singular" in sentence for sentence in found.warnings] == [True, True]
     assert found.covariances is None
     assert found.chi2 <= found.chi2_before

@@ -17,8 +17,10 @@ from omnilab.errors import DataError
 from omnilab.posegraph.files import read_graph
 from omnilab.posegraph.graph import between, chi2, dead_reckoning, matrices, residuals, vectors
 from omnilab_slam import GtsamBatch, GtsamGnc, GtsamIsam2, starts
-from omnilab_slam.chordal import chordal
 from omnilab_slam.kernels import Kernel
+from omnilab_slam.least_squares.chordal import chordal
+from omnilab_slam.least_squares.descent import Descent
+from omnilab_slam.least_squares.gauss_newton import gauss_newton
 from omnilab_slam.starts import Start, initial_poses
 
 
@@ -141,6 +143,31 @@ def test_no_two_starts_of_the_same_optimum_change_a_bit(planar):
     assert (given.chi2, given.iterations, given.chi2_before) == (best.chi2, best.iterations, best.chi2_before)
     assert best.starts == {"given": best.chi2, "chordal": best.chi2}
     assert not best.notes
+
+
+def test_a_step_that_leads_up_ends_a_descent_without_damping():
+    graph, _ = two_laps(planar=True)
+    stuck = gauss_newton(graph, graph.poses, np.ones_like, 20, 1e-9, max_damping=0)
+    assert not stuck.converged
+    assert stuck.edge_chi2.sum() <= chi2(graph)
+    assert Descent(graph, 100).optimum(graph.poses) is None
+    easy, truth = two_laps(planar=True, sigma_rad=0.05)
+    assert Descent(easy, 100).optimum(easy.poses).chi2 == pytest.approx(optimum_by_scipy(easy, truth), rel=1e-9)
+    assert Descent(easy, 1).optimum(easy.poses) is None  # too few steps
+
+
+def test_of_many_poses_a_hopeless_start_is_not_followed_where_noise_explains_the_other(monkeypatch):
+    graph, _ = two_laps(planar=True)
+    both = GtsamBatch().optimize(graph)
+    monkeypatch.setattr(starts, "ALL_FOLLOWED", 0)
+    found = GtsamBatch().optimize(graph)
+    assert np.array_equal(found.poses, both.poses)
+    assert (found.chi2, found.chi2_before) == (both.chi2, both.chi2_before)
+    assert list(both.starts) == ["chordal", "given"]
+    assert found.starts == {"chordal": both.chi2}
+    assert "backend.start=given follows the other" in found.notes[0]
+    surer = replace(graph, information=100 * graph.information)  # noise explains a hundredth
+    assert list(GtsamBatch().optimize(surer).starts) == ["chordal", "given"]
 
 
 def test_a_given_start_that_is_better_is_kept_and_the_other_is_named():

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from statistics import NormalDist
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from omnilab.api import Floats, Ints, Metric, Optimized, PoseGraph
 from omnilab.posegraph.files import g2o_text
-from omnilab.posegraph.graph import edge_chi2, is_loop, matrices
+from omnilab.posegraph.graph import chi2_quantile, edge_chi2, is_loop, matrices
 from omnilab.trajectory.evaluation import Alignment, evaluate, rms
 from omnilab.trajectory.files import tum_text
 from omnilab_studies.common.tables import columns_of, markdown
@@ -157,7 +156,7 @@ def _fit(graph: PoseGraph, optimized: Optimized) -> list[str]:
     freedom = graph.information.shape[1] * (int(kept.sum()) - len(graph) + 1)
     if freedom <= 0:
         return []
-    chi2, limit = float(edge_chi2(graph, optimized.poses)[kept].sum()), _chi2_quantile(freedom, 1 - UNLIKELY)
+    chi2, limit = float(edge_chi2(graph, optimized.poses)[kept].sum()), chi2_quantile(freedom, 1 - UNLIKELY)
     if chi2 <= limit:
         return []
     sentence = (
@@ -165,12 +164,6 @@ def _fit(graph: PoseGraph, optimized: Optimized) -> list[str]:
         f" below {limit:.6g}): wrong loop closures, a local minimum, or information that is too large"
     )
     return [sentence]
-
-
-def _chi2_quantile(freedom: int, probability: float) -> float:
-    """Of chi2's distribution, by Wilson and Hilferty (1931): in the upper tail no less than the exact one, by 7 % at most."""
-    z, spread = NormalDist().inv_cdf(probability), 2 / (9 * freedom)
-    return float(freedom * (1 - spread + z * spread**0.5) ** 3)
 
 
 def edge_table(graph: PoseGraph, optima: Mapping[str, Optimized], wrong: Ints) -> dict[str, Any]:
