@@ -17,6 +17,7 @@ from omnilab_slam.least_squares.linearization import Linearization, linearized
 
 MAX_DAMPING = 1e6
 NOTHING = 1e-12  # chi2 an edge: a millionth of a standard deviation, where all edges can be met
+ROUNDING = 1e-9  # relative decrease of chi2 that numbers may hide
 CONTRACTION = (
     0.1  # of what a step promises, from the one before: at most so much, and the equations are not factorised again
 )
@@ -61,7 +62,7 @@ def gauss_newton(
         there = linearized(graph, step.poses)
         gain, kept, factor = cost - float(weights @ there.chi2), step.factor is factor, step.factor
         if not gain > 0:
-            converged = step.promise <= slight
+            converged = step.promise <= max(slight, ROUNDING * cost)
             damping, factor = damping if kept else max(10 * damping, 1e-4), None
             continue
         poses, here, promise = step.poses, there, step.promise
