@@ -33,12 +33,11 @@ class Line(NamedTuple):
     number: int
     ids: tuple[int, ...]
     tag: Tag
-    pose: list[float]  # (k,), or a motion
-    numbers: list[float]  # of the information, as they stand in the line
+    numbers: list[float]  # (k,) of the pose or motion, then of the information, as they stand in the line
 
     def same(self) -> tuple[object, ...]:
         """What two lines that measured the same have in common."""
-        return self.ids, self.tag, *self.pose, *self.numbers
+        return self.ids, self.tag, *self.numbers
 
 
 def read_graph(path: Path, notes: list[str] | None = None) -> PoseGraph:
@@ -153,8 +152,7 @@ def _parsed(path: Path, number: int, word: str, tag: Tag, values: list[str]) -> 
         raise _error(path, number, f"has the id {min(ids)}", "write ids from 0 to 2^63 - 1")
     if not all(map(isfinite, numbers)):  # a tenth of the time of numpy's, of so few
         raise _error(path, number, "has NaN or infinity", "write finite numbers")
-    pose, rest = numbers[: tag.k], numbers[tag.k :]
-    return Line(number, ids, tag, pose, rest)
+    return Line(number, ids, tag, numbers)
 
 
 def _assembled(path: Path, vertices: list[Line], edges: list[Line], k: int) -> PoseGraph:
@@ -175,9 +173,13 @@ def _assembled(path: Path, vertices: list[Line], edges: list[Line], k: int) -> P
             "add its VERTEX line, or leave all VERTEX lines out",
         )  # fmt: skip
     origin = [0.0] * (k - 1) + [float(k == 7)]
-    poses = np.array([line.pose for line in lines] or [origin] * len(ids))
-    motions = np.array([line.pose for line in edges])
-    upper = np.array([[line.numbers[i] for i in line.tag.upper] for line in edges])
+    poses = np.array([line.numbers for line in lines] or [origin] * len(ids))
+    numbers = np.array([line.numbers for line in edges])
+    upper, tags = numbers[:, k:], {line.tag for line in edges}
+    for tag in tags:
+        rows = [line.tag == tag for line in edges] if len(tags) > 1 else slice(None)
+        upper[rows] = upper[rows][:, tag.upper]
+    motions = numbers[:, :k].copy()
     return PoseGraph(ids, poses, np.searchsorted(ids, joined), motions, _symmetric(upper, 3 if k == 3 else 6))
 
 
@@ -185,7 +187,8 @@ def _check_order(path: Path, edges: list[Line], graph: PoseGraph) -> None:
     """DataError where information is positive definite in another order of its numbers alone."""
     if _positive(graph.information):
         return
-    numbers, tag = np.array([line.numbers for line in edges]), edges[0].tag
+    tag = edges[0].tag
+    numbers = np.array([line.numbers for line in edges])[:, tag.k :]
     for name, order in ORDERS[tag.k].items():
         if order != tag.upper and _positive(_symmetric(numbers[:, order], graph.information.shape[1])):
             own = next(own for own, upper in ORDERS[tag.k].items() if upper == tag.upper)

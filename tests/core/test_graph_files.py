@@ -39,6 +39,12 @@ def test_what_a_g2o_file_says(file):
     assert graph.information[1].tolist() == [[2, 0.5, 0.25], [0.5, 3, 0.125], [0.25, 0.125, 4]]
 
 
+def test_edges_of_g2o_and_toro_stand_in_one_file(file):
+    lines = ["EDGE_SE2 0 1 1 0 0 10 1 2 20 3 30", "EDGE2 1 2 1 0 0 10 1 20 30 2 3", "EDGE_SE2 2 3 1 0 0 10 1 2 20 3 30"]
+    graph = read_graph(file("\n".join(lines)))
+    assert graph.information.tolist() == 3 * [[[10, 1, 2], [1, 20, 3], [2, 3, 30]]]
+
+
 def test_toro_orders_information_otherwise(file):
     graph = read_graph(file("VERTEX2 0 0 0 0\nVERTEX2 1 1 0 0\nEQUIV 0 1\nEDGE2 0 1 1 0 0 2 0.5 3 4 0.25 0.125\n"))
     assert graph.information[0].tolist() == [[2, 0.5, 0.25], [0.5, 3, 0.125], [0.25, 0.125, 4]]
