@@ -11,6 +11,8 @@ import math
 import numba as nb
 import numpy as np
 
+from omnilab.api import Floats, Ints
+
 SMALLEST = 1e-4  # share of the time step below which no smaller one is tried
 RELEASED = 2.0  # a system whose energy grows to this many times that of its start diverges
 # sums may be split into vectors; NaN and infinity stay what they are
@@ -18,7 +20,10 @@ ANY_ORDER = {"reassoc", "contract", "arcp", "nsz"}
 TINY = 1e-300  # keeps the direction between two points in one place at zero
 
 
-def springs(lengths, stiffness, damping, start, verlet, step_s, tolerance, limit, marks):  # type: ignore[no-untyped-def]
+def springs(
+    lengths: Floats, stiffness: Floats, damping: Floats, start: Floats, verlet: bool, step_s: float, tolerance: float,
+    limit: int, marks: Ints,
+) -> tuple[Floats, Floats, Ints, Floats, Floats]:  # fmt: skip
     """Integrate masses of 1 kg from rest at `start` (R, 2, n), joined by springs and dampers: three times (B, n, n).
 
     The first R / B starts are of the first set, and so on. Answers positions (R, 2, n), energies (R,), iterations (R,),
@@ -127,7 +132,9 @@ def _forces(p, velocity, lengths, stiffness, damping, force):  # type: ignore[no
     return 0.25 * energy, power
 
 
-def majorise(lengths, weights, inverse, start, tolerance, limit, marks):  # type: ignore[no-untyped-def]
+def majorise(
+    lengths: Floats, weights: Floats, inverse: Floats, start: Floats, tolerance: float, limit: int, marks: Ints
+) -> tuple[Floats, Ints, Floats]:
     """Lower the stress of points `start` (B, 2, n) by Guttman transforms; `inverse` (B, n, n) is of the weights' Laplacian.
 
     Answers positions (B, 2, n), iterations (B,), -1 where the stress still fell after `limit`, and the states
