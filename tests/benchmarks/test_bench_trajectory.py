@@ -89,6 +89,9 @@ def each_once(monkeypatch, cls, name, array_of):
 @pytest.mark.parametrize("pause", [0, 4])
 @pytest.mark.parametrize("nodes", [100, 5000])
 def test_one_more_image(benchmark, lap, tmp_path: Path, nodes, pause, detector):
+    benchmark.group = (
+        f"SLAM: one more image of 1280 x 960, everything logged, {'one in five closes' if pause else 'all close'}"
+    )
     there, order = lap
     nodes = nodes if benchmark.enabled else nodes // 100  # minutes are for measuring
     count = nodes + 60
@@ -109,9 +112,6 @@ def test_one_more_image(benchmark, lap, tmp_path: Path, nodes, pause, detector):
         start, own, before = time.process_time(), time.thread_time(), dict(record.costs)
         benchmark.pedantic(lambda one: mapping.process(one, rng), setup=lambda: ((next(ready),), {}), rounds=50)
         own_end = time.thread_time()
-    benchmark.group = (
-        f"SLAM: one more image of 1280 x 960, everything logged, {'one in five closes' if pause else 'all close'}"
-    )
     why = "no other program makes a map of such images; the thesis says 650 ms, and the odometry stands beside OpenCV's"
     benchmark.extra_info.update(what=f"`{detector.value}`", size=nodes, of="nodes", no_peer=why)
     benchmark.extra_info["closures"] = len(mapping.closures)

@@ -118,6 +118,7 @@ def test_bench_statistics_are_those_of_rendered_places(benchmark, rendered):
         "pairs_up_to_m": LAGS_M[1:].tolist(),
         "rendered": theirs.tolist(),
         "synthetic": ours.tolist(),
+        "no_peer": "it is what searches among a million places are measured on",
     }
     np.testing.assert_allclose(ours[:6], theirs[:6], rtol=0.2)  # to 0.5 m: what search lives by
     np.testing.assert_allclose(ours, theirs, rtol=0.4)
