@@ -221,7 +221,7 @@ def line(row: Row, peer: Row | None, most: str) -> str:
     memory = f"{row.memory_mb:,.0f} MB" if (row.memory_mb or 0) >= 0.5 else ""
     if peer is not None:
         cells[2:] = [peer.what, duration(peer), ratio(peer.median_s / row.median_s)]
-        memory += f" ({peer.memory_mb:,.0f})" if memory and peer.memory_mb is not None else ""
+        memory += f" ({max(0.0, peer.memory_mb):,.0f})" if memory and peer.memory_mb is not None else ""
     return "| " + " | ".join([*cells, memory]) + " |"
 
 
