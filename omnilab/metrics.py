@@ -134,12 +134,17 @@ def precision_recall(distance: Floats, correct: Bools, known: Bools) -> tuple[Fl
     all (`known` is false), which no recall counts. Answers at the same distance are accepted together, those at no finite
     one never.
     """
-    order = np.argsort(distance, kind="stable")
-    order = order[np.isfinite(distance[order])]
-    ends = np.flatnonzero(np.diff(distance[order], append=np.inf) > 0)
+    order, ends = _nearest_first(distance)
     positives = np.cumsum(correct[order])[ends]
     recall = positives / known.sum() if known.any() else np.full(len(ends), np.nan)
     return positives / (ends + 1), recall, distance[order][ends]
+
+
+def _nearest_first(distance: Floats) -> tuple[Ints, Ints]:
+    """The answers at a finite distance (F,), nearest first, and where those that are equally near end among them (K,)."""
+    order = np.argsort(distance, kind="stable")
+    order = order[np.isfinite(distance[order])]
+    return order, np.flatnonzero(np.diff(distance[order], append=np.inf) > 0)
 
 
 def average_precision(precision: Floats, recall: Floats) -> float:
@@ -157,9 +162,7 @@ def resampled_curves(distance: Floats, correct: Bools, known: Bools, chosen: Int
 
     They are sorted once: a resample is how often each is drawn.
     """
-    order = np.argsort(distance, kind="stable")
-    order = order[np.isfinite(distance[order])]
-    ends = np.flatnonzero(np.diff(distance[order], append=np.inf) > 0)
+    order, ends = _nearest_first(distance)
     count = len(distance)
     drawn = np.bincount((chosen + count * np.arange(len(chosen))[:, None]).ravel(), minlength=count * len(chosen))
     drawn = drawn.reshape(len(chosen), count)

@@ -76,7 +76,7 @@ def from_start(
     return _better(given, found, {Start.given.value: reached, Start.chordal.value: cost(found.poses)})
 
 
-def _chordal_start(graph: PoseGraph, equations: PoseEquations | None) -> Floats | None:
+def _chordal_start(graph: PoseGraph, equations: PoseEquations | None = None) -> Floats | None:
     """The chordal poses (N, k); None where there are none of finite chi2, and for a tree, in which no motion contradicts another."""
     if len(graph.edges) < len(graph):
         return None
@@ -121,10 +121,11 @@ def _better(given: Optimized, found: Optimized, costs: dict[str, float]) -> Opti
 
 def beside_chordal(graph: PoseGraph, found: Optimized) -> Optimized:
     """The optimum of a back end that takes poses as they come, with what Gauss-Newton from a chordal start leads to."""
-    if len(graph.edges) < len(graph):
+    start = _chordal_start(graph)
+    if start is None:
         return found
     try:
-        poses = gauss_newton(graph, chordal(graph), np.ones_like, MAX_STEPS, TOLERANCE).poses
+        poses = gauss_newton(graph, start, np.ones_like, MAX_STEPS, TOLERANCE).poses
     except FAILURES:
         return found
     other = chi2(graph, poses)
